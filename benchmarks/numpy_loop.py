@@ -48,7 +48,7 @@ class NumpyLoop:
         self.reference, self.reference_rate = self.x[:6].copy(), np.zeros(6)
         self.integral, self.shortfall = np.zeros(6), np.zeros(6)
         self.phase, self.waypoint, self.hold = "dive", 0, 0
-        self.leg_start, self.first, self.wanted = position[:2].copy(), True, self.x[:6].copy()
+        self.leg_start, self.first, self.desired = position[:2].copy(), True, self.x[:6].copy()
         self.k = 0
 
     def _tune(self, autopilot: Any) -> None:
@@ -178,14 +178,14 @@ class NumpyLoop:
         look_ahead, depth_tolerance, heading_tolerance = self.guidance
         eta, end, acceptance = self.estimate[:6], self.points[self.waypoint], self.acceptance[self.waypoint]
         if self.k == 0:
-            self.leg_start, self.wanted = eta[:2].copy(), np.array([*eta[:3], 0.0, 0.0, eta[5]])
+            self.leg_start, self.desired = eta[:2].copy(), np.array([*eta[:3], 0.0, 0.0, eta[5]])
         along = end[:2] - self.leg_start
         short = along @ along < acceptance**2
-        alpha = self.wanted[5] if short else np.arctan2(along[1], along[0])
+        alpha = self.desired[5] if short else np.arctan2(along[1], along[0])
         behind = eta[:2] - self.leg_start
         e = -behind[0] * np.sin(alpha) + behind[1] * np.cos(alpha)
         chi = alpha if short else wrap(alpha + np.arctan(-e / look_ahead))
-        heading = {"turn": alpha, "go": chi}.get(self.phase, self.wanted[5])
+        heading = {"turn": alpha, "go": chi}.get(self.phase, self.desired[5])
         place = self.leg_start if self.phase in ("dive", "turn") else end[:2]
         setpoint = np.array([*place, end[2], 0.0, 0.0, heading])
 
@@ -206,7 +206,7 @@ class NumpyLoop:
                 self.phase = "finished"
         if self.phase != before:
             self.hold = 0
-        self.wanted = setpoint
+        self.desired = setpoint
         return setpoint
 
     def follow(self, setpoint: np.ndarray) -> None:

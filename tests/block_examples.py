@@ -158,7 +158,7 @@ def setpoints() -> Setpoint:
     eta = jnp.concatenate([START.position + over_time(3, seed=9), over_time(3, seed=10, size=3.0)], axis=1)
     leg = every_tick(START.position), every_tick(START.position + 1.0)
     number = every_tick(jnp.zeros((), dtype=int))
-    state = number + DIVE, number + NO_REASON, number > 0, every_tick(Progress.unsaid())
+    state = number + DIVE, number + NO_REASON, number > 0, every_tick(Progress.unreported())
     return Setpoint(eta, over_time(6, seed=11), *leg, number == 0, number, *state)
 
 
@@ -313,9 +313,9 @@ def path_guidance() -> Example:
 
 def terrain() -> Example:
     """An echo every third tick, of a floor 3 m below."""
-    heard = jnp.arange(TICKS)[:, None] % 3 == 0
-    stamp = jnp.where(heard, CONTROL * jnp.arange(TICKS)[:, None], 0.0)
-    echoes = {"altimeter": Slot(jnp.where(heard[..., None], 3.0 + over_time(1, 1, seed=45), 0.0), heard, stamp)}
+    received = jnp.arange(TICKS)[:, None] % 3 == 0
+    stamp = jnp.where(received, CONTROL * jnp.arange(TICKS)[:, None], 0.0)
+    echoes = {"altimeter": Slot(jnp.where(received[..., None], 3.0 + over_time(1, 1, seed=45), 0.0), received, stamp)}
     near = {"x": 0.6, "y": -0.2, "depth": 2.1}
     follows = every_tick(mission([near | {"altitude": 1.0}, near | {"y": 3.0}]))
     return Example(

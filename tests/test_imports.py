@@ -156,19 +156,19 @@ def violations(path: Path, package: Path) -> list[str]:
     known = {p.stem for p in package.iterdir() if p.is_dir() or p.suffix == ".py"} | set(RULES)
     found = []
     for item in imports_of(path, package):
-        said = f"{where}:{item.line}: '{item.text}'"
+        message = f"{where}:{item.line}: '{item.text}'"
         library, *rest = item.name.split(".")
         if library == "rovtwin":
             target = rest[0] if rest else "__init__"
             if target not in known or target in ("__init__", "*"):
-                found.append(f"{said} goes through the front door; import from the package that defines the name.")
+                found.append(f"{message} goes through the front door; import from the package that defines the name.")
             elif target not in RULES:
-                found.append(f"{said}: package '{target}' has no rule. Say who may import it in {WHERE_RULES_ARE}.")
+                found.append(f"{message}: package '{target}' has no rule. Say who may import it in {WHERE_RULES_ARE}.")
             elif target not in RULES[owner] | EVERYWHERE | {owner}:
                 allowed = ", ".join(sorted(RULES[owner])) or "nothing of ours"
-                found.append(f"{said}: {owner} may not import {target} (it may import: {allowed}).")
+                found.append(f"{message}: {owner} may not import {target} (it may import: {allowed}).")
         if owner in PROMPT and item.at_start and not _is_light(item.name, owner):
-            found.append(f"{said} at the top of {owner} slows down `rovtwin --help`; import it inside the function.")
+            found.append(f"{message} at the top of {owner} slows down `rovtwin --help`; import it inside the function.")
     return found
 
 

@@ -131,8 +131,8 @@ def mavlink_rig() -> Rig:
     served = vehicle.__enter__()
     assert soon(lambda: bool(served.said))
     served.feed(0.0, measured(0.0))
-    wanted = off | {"ATTITUDE": 50.0, "SCALED_PRESSURE2": 50.0}
-    link = MavlinkLink(f"udpout:127.0.0.1:{server.udp_port}", np.eye(6)[:, axes], rates=wanted)
+    expected = off | {"ATTITUDE": 50.0, "SCALED_PRESSURE2": 50.0}
+    link = MavlinkLink(f"udpout:127.0.0.1:{server.udp_port}", np.eye(6)[:, axes], rates=expected)
     link.arm()
     tick = [0]
 
@@ -152,8 +152,8 @@ def mavlink_rig() -> Rig:
 
     def applied() -> np.ndarray:
         time.sleep(0.08)
-        wish = served.wishes[-1] if served.wishes else None
-        return np.array(wish.motion)[axes] if wish and wish.armed else np.zeros(THRUSTERS)
+        command = served.wishes[-1] if served.wishes else None
+        return np.array(command.motion)[axes] if command and command.armed else np.zeros(THRUSTERS)
 
     return Rig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))
 

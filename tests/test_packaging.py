@@ -132,8 +132,8 @@ def test_wheel_holds_every_source_file(tmp_path: Path):
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
     held = set(zipfile.ZipFile(wheel).namelist())
-    wanted = {str(p.relative_to(ROOT / "src")) for p in tracked_files() if p.is_relative_to(ROOT / "src")}
-    assert not wanted - held
+    expected = {str(p.relative_to(ROOT / "src")) for p in tracked_files() if p.is_relative_to(ROOT / "src")}
+    assert not expected - held
     assert any(name.endswith("licenses/LICENSE") for name in held)
 
 

@@ -86,13 +86,13 @@ def served_rig(server: Server, open_source: Callable[[], Source], sensors: set[s
         rig = Rig(source, measure, sensors)
         reached = threading.Event()
 
-        def heard() -> bool:
+        def received_of() -> bool:
             measure()
             if source.read():
                 reached.set()
             return reached.is_set()
 
-        wait_until(heard, 10.0, every=0.05)
+        wait_until(received_of, 10.0, every=0.05)
         time.sleep(0.1)  # what is still on its way comes in
         source.read()
         yield rig

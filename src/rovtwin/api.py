@@ -306,15 +306,15 @@ def track(log: str | Path, vehicle: VehicleLike, method: Any = "ekf", **recordin
         >>> found = rovtwin.track("runs/pool/log.mcap", "double_blueye")  # doctest: +SKIP
     """
     from rovtwin.positioning.track import METHODS
-    from rovtwin.runs.track import Wanted, track_run
+    from rovtwin.runs.track import TrackOptions, track_run
 
     if method not in METHODS:
         raise ConfigError(f"method: found '{method}', expected one of {', '.join(METHODS)}")
-    _known(recording, Wanted)
+    _known(recording, TrackOptions)
     for name in ("videos", "lenses"):
         if name in recording:
             recording[name] = [Path(one) for one in recording[name]]
-    return track_run(Path(log), load_vehicle(vehicle), method, Wanted(**recording))[1]
+    return track_run(Path(log), load_vehicle(vehicle), method, TrackOptions(**recording))[1]
 
 
 def _known(settings: Mapping[str, Any], kind: Any) -> None:
@@ -373,11 +373,13 @@ def tune(
     from rovtwin.campaign.tune import tune as search
     from rovtwin.campaign.tune_cost import weights_of
     from rovtwin.campaign.tune_parameters import chosen
-    from rovtwin.campaign.tune_result import Wish
+    from rovtwin.campaign.tune_result import TuningRequest
 
-    _known(settings, Wish)
-    wish = Wish(load_scenario(scenario), chosen(list(only)), list(seas), weights_of(list(weights)), **settings)
-    return search(wish, progress)
+    _known(settings, TuningRequest)
+    request = TuningRequest(
+        load_scenario(scenario), chosen(list(only)), list(seas), weights_of(list(weights)), **settings
+    )
+    return search(request, progress)
 
 
 def run_campaign(

@@ -121,10 +121,10 @@ def test_choices_and_integers():
 
 
 def test_portions_hold_what_one_program_flies(campaign):
-    wanted = list(range(3, 40))
-    assert tasks(campaign, wanted, 1) == [[index] for index in wanted]
-    portions = tasks(campaign, wanted, 8)
-    assert sorted(sum(portions, [])) == wanted and max(map(len, portions)) == 8
+    expected = list(range(3, 40))
+    assert tasks(campaign, expected, 1) == [[index] for index in expected]
+    portions = tasks(campaign, expected, 8)
+    assert sorted(sum(portions, [])) == expected and max(map(len, portions)) == 8
     assert all(len({draws(campaign, i)["autopilot"] for i in portion}) == 1 for portion in portions)
 
 
@@ -159,11 +159,11 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "said"), BAD)
-def test_bad_files_are_refused_with_the_place_and_the_fix(tmp_path, changes, said):
+@pytest.mark.parametrize(("changes", "message"), BAD)
+def test_bad_files_are_refused_with_the_place_and_the_fix(tmp_path, changes, message):
     with pytest.raises(ConfigError) as error:
         load_campaign(written(tmp_path, **changes))
-    assert said in str(error.value) and "mine.yaml" in str(error.value) or "no such scenario" in said
+    assert message in str(error.value) and "mine.yaml" in str(error.value) or "no such scenario" in message
 
 
 def test_a_draw_that_makes_no_scenario_names_the_sample(tmp_path):

@@ -53,10 +53,10 @@ def campaign(file):
 def session(campaign, tmp_path_factory):
     """Two samples, then four, by this process."""
     folder = tmp_path_factory.mktemp("results") / "short"
-    said: list[Progress] = []
-    first = run_campaign(campaign.model_copy(update={"samples": 2}), folder, on_this_machine(1), progress=said.append)
+    texts: list[Progress] = []
+    first = run_campaign(campaign.model_copy(update={"samples": 2}), folder, on_this_machine(1), progress=texts.append)
     assert first.flown == first.table.num_rows == 2 and first.whole
-    assert [(p.done, p.samples) for p in said] == [(0, 2), (1, 2), (2, 2)] and said[0].left_s is None
+    assert [(p.done, p.samples) for p in texts] == [(0, 2), (1, 2), (2, 2)] and texts[0].left_s is None
     whole = run_campaign(campaign, folder, on_this_machine(1))
     assert whole.flown == 2 and whole.table.slice(0, 2).equals(first.table)
     return whole
@@ -90,8 +90,8 @@ def test_nothing_is_flown_twice(session, campaign):
 
 
 def test_another_campaign_is_refused_with_the_difference(session, campaign):
-    for changes, said in (({"seed": 7}, r"seed \(there 20, here 7\)"), ({"vary": {}}, r"vary\.")):
-        with pytest.raises(ConfigError, match=f"holds another campaign.*{said}"):
+    for changes, message in (({"seed": 7}, r"seed \(there 20, here 7\)"), ({"vary": {}}, r"vary\.")):
+        with pytest.raises(ConfigError, match=f"holds another campaign.*{message}"):
             Store(session.folder, campaign.model_copy(update=changes))
 
 
@@ -128,20 +128,20 @@ def test_a_report_of_real_rows(session):
 
 
 def test_summary_of_known_rows(campaign, session):
-    said = summarise(campaign, session.table)
-    assert said["completed"] == 0 and said["completed_interval"][1] == pytest.approx(1 - 0.025 ** (1 / 4))
-    assert said["reasons"]["not finished after 2 s"] == 3
+    text = summarise(campaign, session.table)
+    assert text["completed"] == 0 and text["completed_interval"][1] == pytest.approx(1 - 0.025 ** (1 / 4))
+    assert text["reasons"]["not finished after 2 s"] == 3
     assert share_interval(50, 100) == pytest.approx((0.398, 0.602), abs=1e-3)  # Clopper and Pearson's own table
     assert wall_time(session.table) == pytest.approx(np.sum(column(session.table, "wall_s")), rel=1e-6)
 
 
 def test_places_that_hold_no_sample_are_refused(session):
-    for place, said in (
+    for place, message in (
         ("3", "DIR/INDEX"),
         ("nowhere/3", "no campaign.yaml"),
         (f"{session.folder}/4", "samples 0 to 3"),
     ):
-        with pytest.raises(ConfigError, match=said):
+        with pytest.raises(ConfigError, match=message):
             sample_of(place)
 
 

@@ -10,7 +10,7 @@ from rovtwin.campaign.tune_cost import FAILED, TERMS, Cost, floors_of, terms_of,
 from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, Crew, failures, fleet_of, seas_of, short_mission
 from rovtwin.campaign.tune_parameters import TUNABLES, Space, chosen, start_of, value_of, with_values
 from rovtwin.campaign.tune_plants import plants_of
-from rovtwin.campaign.tune_result import Judged, Tuned, Wish, paired
+from rovtwin.campaign.tune_result import Judged, Tuned, TuningRequest, paired
 from rovtwin.campaign.tune_search import Search, search
 from rovtwin.campaign.tune_writing import as_data, write_tuned
 from rovtwin.core.errors import ConfigError
@@ -160,7 +160,7 @@ def test_weights_are_shares_and_can_be_given():
 
 
 @pytest.mark.parametrize(
-    ("call", "said"),
+    ("call", "message"),
     [
         (lambda: weights_of(["pathh=1"]), "Did you mean 'path'"),
         (lambda: weights_of(["path=much"]), "expected a number"),
@@ -172,13 +172,13 @@ def test_weights_are_shares_and_can_be_given():
         (lambda: seas_of(["stormy"], load_scenario("lawnmower_calm")), "--sea"),
     ],
 )
-def test_what_is_refused(call, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_is_refused(call, message):
+    with pytest.raises(ConfigError, match=message):
         call()
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"budget": 0.0}, "--budget-s: found 0, expected more than 0"),
         ({"plants": 0}, "--plants"),
@@ -188,28 +188,28 @@ def test_what_is_refused(call, said):
         ({"scenario": load_scenario("test_steps_thesis")}, "is a test, not a mission"),
     ],
 )
-def test_a_wish_that_cannot_be_granted_is_refused_before_anything_is_compiled(scenario, change, said):
+def test_a_wish_that_cannot_be_granted_is_refused_before_anything_is_compiled(scenario, change, message):
     given = {"scenario": scenario, "tunables": chosen(), "seas": ("calm",), "weights": weights_of([])} | change
-    with pytest.raises(ConfigError, match=said):
-        tune(Wish(**given))
+    with pytest.raises(ConfigError, match=message):
+        tune(TuningRequest(**given))
 
 
 @pytest.mark.parametrize(
-    ("budget", "pace", "said"),
+    ("budget", "pace", "message"),
     [
         (0.5, 0.0, r"found 0.5, expected about \d{3} or more here: composing took \d+ s"),
         (300.0, 9.0, r"found 300, expected about \d{4} or more here: .* flying 4 held-out flights and a single gener"),
     ],
     ids=["before compiling", "before the first flight"],
 )
-def test_a_budget_that_is_too_short_is_refused_before_any_flight(scenario, monkeypatch, budget, pace, said):
+def test_a_budget_that_is_too_short_is_refused_before_any_flight(scenario, monkeypatch, budget, pace, message):
     compiled = []
     monkeypatch.setattr(Crew, "compile", lambda self, runs: compiled.append(runs))
     monkeypatch.setattr(Crew, "pace", lambda self, run: pace)
     monkeypatch.setattr(Crew, "fly", lambda *_: pytest.fail("flown"))
     few = {"plants": 1, "held_out": 2, "budget": budget, "workers": 1}
-    with pytest.raises(ConfigError, match=said):
-        tune(Wish(scenario=scenario, tunables=chosen(), seas=("calm",), weights=weights_of([]), **few))
+    with pytest.raises(ConfigError, match=message):
+        tune(TuningRequest(scenario=scenario, tunables=chosen(), seas=("calm",), weights=weights_of([]), **few))
     assert bool(compiled) == (pace > 0)
 
 
@@ -233,7 +233,7 @@ def test_hand_tuned_that_never_arrives_is_refused_by_its_first_flights_with_plan
         r"failed on plant 1 of 1 \(waves, seed \d+, mass x \d\.\d+, thrust x \d\.\d+\): attitude limit after 12 s, at"
     )
     with pytest.raises(ConfigError, match=message + r".*calmer seas"):
-        tune(Wish(scenario=scenario, tunables=chosen(), seas=("waves",), weights=weights_of([]), **few))
+        tune(TuningRequest(scenario=scenario, tunables=chosen(), seas=("waves",), weights=weights_of([]), **few))
 
 
 def test_failed_flights_are_listed_with_the_run_s_own_reason():
@@ -256,9 +256,9 @@ def test_fleets_share_no_plant_and_no_noise_and_are_drawn_again_alike(scenario):
     masses = [[float(run.loop.twin.model.rigid_body_mass[0, 0]) for run in fleet.runs] for fleet in fleets]
     assert seeds[0] == seeds[3] and masses[0] == masses[3]
     assert len({*sum(seeds[:3], [])}) == 6 and len({*sum(masses[:3], [])}) == 6
-    believed = {float(run.model.rigid_body_mass[0, 0]) for fleet in fleets for run in fleet.runs}
-    assert len(believed) == 1  # the autopilot knows nothing of the draws
-    assert "was not identified" in plants.said
+    estimated = {float(run.model.rigid_body_mass[0, 0]) for fleet in fleets for run in fleet.runs}
+    assert len(estimated) == 1  # the autopilot knows nothing of the draws
+    assert "was not identified" in plants.description
 
 
 def test_a_short_mission_that_does_not_fit_is_said_to_be_one():
@@ -272,7 +272,7 @@ def test_own_mismatch_is_what_plants_are_drawn_from():
     hard = load_scenario("lawnmower_hard", ["autopilot=model_based"])
     plants = plants_of(hard)
     plant, model = plants.drawn(np.random.default_rng(1)), plants.drawn(np.random.default_rng(2))
-    assert "scenario's mismatch" in plants.said
+    assert "scenario's mismatch" in plants.description
     assert float(plant.rigid_body_mass[0, 0]) == float(model.rigid_body_mass[0, 0])  # x 1.1, always
     assert float(plant.linear_damping_ahead[0, 0]) != float(model.linear_damping_ahead[0, 0])
 
@@ -280,7 +280,7 @@ def test_own_mismatch_is_what_plants_are_drawn_from():
 def test_identified_covariance_is_what_plants_are_drawn_from(tmp_path):
     path = identified_vehicle(tmp_path / "identified.yaml")
     plants = plants_of(load_scenario("lawnmower_calm", ["autopilot=model_based", f"vehicle={path}"]))
-    assert "covariance of the 2 parameters" in plants.said
+    assert "covariance of the 2 parameters" in plants.description
     model = load_vehicle(path).model()
     drawn = [plants.drawn(np.random.default_rng(i)) for i in range(200)]
     ratio = np.log([float(m.added_mass[0, 0] / model.added_mass[0, 0]) for m in drawn])
@@ -315,14 +315,14 @@ def test_paired_interval_is_students():
 
 def made(scenario, section: ModelBasedSection, gain: float) -> Tuned:
     """A tuning as it might have come out."""
-    wish = Wish(scenario, chosen(), ("calm",), weights_of([]), held_out=3)
+    command = TuningRequest(scenario, chosen(), ("calm",), weights_of([]), held_out=3)
     after = [FIGURES | {"cross_track_rms_m": 0.2 * (1 - gain) + 0.001 * i} for i in range(3)]
-    cost = Cost.against(wish.weights, ["calm"] * 3, [FIGURES] * 3, floors_of(section))
+    cost = Cost.against(command.weights, ["calm"] * 3, [FIGURES] * 3, floors_of(section))
     costs = [cost.all_of(["calm"] * 3, one) for one in ([FIGURES] * 3, after)]
     found = search(lambda xs: [1.0] * len(xs), np.zeros(3), BOX, seed=1, evaluations=14)
     judged = Judged(["calm"] * 3, [FIGURES] * 3, after, *costs)
-    influence = {one.name: 0.01 for one in wish.tunables}
-    return Tuned(wish, "a hat", section, cost, found, 1.0, ("the best", 1.0, 0.9), influence, judged, {"all": 1.0})
+    influence = {one.name: 0.01 for one in command.tunables}
+    return Tuned(command, "a hat", section, cost, found, 1.0, ("the best", 1.0, 0.9), influence, judged, {"all": 1.0})
 
 
 def test_file_flies_and_says_where_it_comes_from(scenario, tmp_path):
@@ -349,8 +349,8 @@ def test_file_beside_a_scenario_is_found(scenario, tmp_path):
 
 def test_what_is_no_better_is_said_to_be(scenario):
     section = start_of(scenario)
-    said = as_data(made(scenario, section, -0.5))
-    assert not said["better"] and "hand-tuned values stay" in said["verdict"]
+    text = as_data(made(scenario, section, -0.5))
+    assert not text["better"] and "hand-tuned values stay" in text["verdict"]
     other = with_values(section, {"control.damping_ratio": 1.3})
     assert "Not shown to be better" in as_data(made(scenario, other, 0.005))["verdict"]
     assert "Worse than hand-tuned: the cost rises by" in as_data(made(scenario, other, -0.5))["verdict"]
@@ -359,8 +359,8 @@ def test_what_is_no_better_is_said_to_be(scenario):
 @pytest.mark.slow
 def test_tuned_beats_hand_tuned_on_held_out_plants_and_does_so_again():
     hard = load_scenario("lawnmower_hard", ["autopilot=model_based"])
-    wish = Wish(hard, chosen(), (), weights_of([]), evaluations=100, budget=3600.0)
-    tuned = tune(wish)
+    command = TuningRequest(hard, chosen(), (), weights_of([]), evaluations=100, budget=3600.0)
+    tuned = tune(command)
     assert tuned.held_out.better and len(tuned.held_out.seas) == 20, tuned.held_out.change
     assert not np.any(tuned.held_out.cost_after >= FAILED)
 
@@ -368,10 +368,10 @@ def test_tuned_beats_hand_tuned_on_held_out_plants_and_does_so_again():
 @pytest.mark.slow
 def test_same_seed_same_tuning():
     calm = load_scenario("lawnmower_calm", ["autopilot=model_based", "mission=square"])
-    wish = Wish(
+    command = TuningRequest(
         calm, chosen(["control.damping_ratio", "navigation.force_walk"]), ("calm",), weights_of([]),
         plants=2, held_out=2, evaluations=12, budget=3600.0,
     )  # fmt: skip
-    one, other = tune(wish), tune(wish)
+    one, other = tune(command), tune(command)
     assert one.section == other.section and one.search.costs == other.search.costs
     assert isinstance(one.search, Search) and np.array_equal(one.held_out.cost_after, other.held_out.cost_after)

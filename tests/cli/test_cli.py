@@ -48,13 +48,13 @@ def short_run(tmp_path_factory):
 
 
 def test_fly_says_all_that_a_script_needs(short_run):
-    folder, said = short_run
-    assert said["run_dir"] == str(folder)
-    assert said["completed"] is False and said["reason"].startswith("not finished after 12 s: ")
+    folder, text = short_run
+    assert text["run_dir"] == str(folder)
+    assert text["completed"] is False and text["reason"].startswith("not finished after 12 s: ")
     assert {"duration_s", "cross_track_rms_m", "cross_track_max_m", "depth_rms_m", "position_error_rms_m",
-            "nees_position_mean"} <= set(said)  # fmt: skip
-    assert len(said["position_error_rms_m"]) == 2
-    assert Path(said["files"]["log.mcap"]).is_file() and Path(said["files"]["scenario.yaml"]).is_file()
+            "nees_position_mean"} <= set(text)  # fmt: skip
+    assert len(text["position_error_rms_m"]) == 2
+    assert Path(text["files"]["log.mcap"]).is_file() and Path(text["files"]["scenario.yaml"]).is_file()
 
 
 def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
@@ -65,10 +65,10 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert "net buoyancy" in out and "foam at" in out and "it sinks with 1.03 N" in out
     written = new.read_text()
     code, out, _ = run(capsys, *words, "--ballast", "--overwrite", "--json")
-    said = json.loads(out)
-    figures = {row["key"]: row for row in said["figures"]}
-    assert code == 0 and said["ballasted"] and said["file"] == str(new) and new.read_text().startswith(written)
-    assert figures["mass"]["change"] == pytest.approx(0.17 + sum(p["mass_kg"] for p in said["ballast"]))
+    report = json.loads(out)
+    figures = {row["key"]: row for row in report["figures"]}
+    assert code == 0 and report["ballasted"] and report["file"] == str(new) and new.read_text().startswith(written)
+    assert figures["mass"]["change"] == pytest.approx(0.17 + sum(p["mass_kg"] for p in report["ballast"]))
     assert abs(figures["net_buoyancy"]["after"]) < 0.03 and abs(figures["trim"]["after"]) < 0.1
     assert figures["hotel_load"]["change"] == 4 and figures["endurance"]["change"] < 0
     code, out, _ = run(capsys, "vehicle", "remove", new, "dvl", "-o", bare)
@@ -125,9 +125,9 @@ def test_a_vehicle_without_drag_is_said_to_have_no_bound(capsys, tmp_path):
 def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
     storm = "world.waves={model: airy, significant_height: 1.5, zero_crossing_period: 5.7}"
     code, out, _ = run(capsys, "sea", "lawnmower_sea", "--set", storm, "--json")
-    said = json.loads(out)
-    assert code == 0 and said["verdict"] == "swept" and len(said["places"]) == 3
-    assert said["places"][0]["horizontal_rms_n"] > 10 and said["places"][0]["available_n"] == pytest.approx(20)
+    report = json.loads(out)
+    assert code == 0 and report["verdict"] == "swept" and len(report["places"]) == 3
+    assert report["places"][0]["horizontal_rms_n"] > 10 and report["places"][0]["available_n"] == pytest.approx(20)
     code, out, _ = run(capsys, "sea", "lawnmower_waves")
     assert code == 0 and "holds on average" in out and "0.503 N rms" in out
     code, out, _ = run(capsys, "scenario", "check", "lawnmower_sea")
@@ -401,12 +401,12 @@ def test_check_says_when_a_vehicle_is_of_no_use_in_the_water(tmp_path, capsys):
     path = tmp_path / "heavy.yaml"
     path.write_text(VEHICLE.format(mass=10.8, inertia="[0.2, 0.2, 0.2]", extra=""))
     code, out, _ = run(capsys, "vehicle", "check", path, "--json")
-    said = json.loads(out)
-    assert code == 0 and said["valid"] is True
-    assert said["reservations"] == ["it sinks with 9.81 N", "it has no thrusters"]
-    assert said["verdict"] == "usable, but: it sinks with 9.81 N; it has no thrusters"
+    report = json.loads(out)
+    assert code == 0 and report["valid"] is True
+    assert report["reservations"] == ["it sinks with 9.81 N", "it has no thrusters"]
+    assert report["verdict"] == "usable, but: it sinks with 9.81 N; it has no thrusters"
     code, out, _ = run(capsys, "vehicle", "check", path)
-    assert code == 0 and said["verdict"] in out.splitlines()[0]
+    assert code == 0 and report["verdict"] in out.splitlines()[0]
     assert run(capsys, "vehicle", "check", "double_blueye")[1].startswith("double_blueye: usable\n")
 
 
@@ -470,11 +470,11 @@ def test_ctrl_c_ends_with_a_readable_log_and_a_report(tmp_path):
         out, err = process.communicate(timeout=120)
     finally:
         process.kill()
-    said = json.loads(out)
+    report = json.loads(out)
     assert process.returncode == 1 and "Traceback" not in err
-    assert said["reason"] == "interrupted" and said["interrupted"] is True
+    assert report["reason"] == "interrupted" and report["interrupted"] is True
     log = Log.read(folder / "log.mcap")
-    assert log["truth/eta"].t[-1] == pytest.approx(said["duration_s"], abs=0.11)
+    assert log["truth/eta"].t[-1] == pytest.approx(report["duration_s"], abs=0.11)
     assert (folder / "report.html").stat().st_size > 10_000
 
 

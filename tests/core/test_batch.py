@@ -16,8 +16,8 @@ def test_chunks_are_vmap(count):
     rng = np.random.default_rng(count)
     tree = {"a": jnp.asarray(rng.normal(size=(count, 3, 3))), "b": jnp.arange(count)}
     x = jnp.asarray(rng.normal(size=(count, 3)))
-    found, wanted = jax.jit(batched(one, size=4))(tree, x), jax.vmap(one)(tree, x)
-    for key, value in wanted.items():
+    found, expected = jax.jit(batched(one, size=4))(tree, x), jax.vmap(one)(tree, x)
+    for key, value in expected.items():
         assert found[key].shape == value.shape and found[key].dtype == value.dtype
         np.testing.assert_allclose(found[key], value, rtol=1e-14)
 

@@ -88,9 +88,9 @@ PARTS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "said"), PARTS)
-def test_a_mistake_is_named_with_place_and_fix(text, said):
-    assert said in message(text)
+@pytest.mark.parametrize(("text", "expected_text"), PARTS)
+def test_a_mistake_is_named_with_place_and_fix(text, expected_text):
+    assert expected_text in message(text)
 
 
 def test_all_mistakes_come_at_once_one_per_line():
@@ -128,12 +128,12 @@ def test_a_block_can_be_used_again_with_changes():
 def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "boat.yaml").write_text("a: 1")
     (tmp_path / "picture.yaml").write_bytes(b"\x89PNG\xff\xfe")
-    for name, said in [
+    for name, message in [
         ("baot.yaml", "no such file. Did you mean 'boat.yaml'?"),
         ("picture.yaml", "is not text"),
         (".", "is a folder"),
         ("nowhere/x.yaml", "there is no folder"),
     ]:
-        with pytest.raises(ConfigError, match=said.replace("?", r"\?")):
+        with pytest.raises(ConfigError, match=message.replace("?", r"\?")):
             read_yaml(tmp_path / name)
     assert read_yaml(tmp_path / "boat.yaml") == {"a": 1}

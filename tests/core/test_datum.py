@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rovtwin.core.datum import INVERSE_FLATTENING, SEMI_MAJOR_AXIS, Datum, datum_of, said
+from rovtwin.core.datum import INVERSE_FLATTENING, SEMI_MAJOR_AXIS, Datum, coordinates_text, datum_of
 from rovtwin.core.errors import ConfigError
 
 E2 = (2 - 1 / INVERSE_FLATTENING) / INVERSE_FLATTENING  # eccentricity squared
@@ -104,7 +104,7 @@ def test_it_survives_the_metadata_of_a_log():
                   {"datum": datum.metadata().replace("-33.9", "-133.9")}):  # fmt: skip
         assert datum_of(other) is None
     assert str(datum) == "33.900000° S, 151.200000° E, water level 22.5 m, start 2026-01-02T03:04:05.250000Z"
-    assert said(63.45, -10.36) == "63.450000° N, 10.360000° W"
+    assert coordinates_text(63.45, -10.36) == "63.450000° N, 10.360000° W"
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_roll_turns_counter_clockwise_for_who_looks_at_it():
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         ({"dictionary": "DICT_4X4_51"}, "expected one of DICT_4X4_50"),
         ({"markers": [{"id": 50, "size": 0.1, "position": [0, 0, 0], "faces": [1, 0, 0]}]}, "ends with 49"),
@@ -52,8 +52,8 @@ def test_roll_turns_counter_clockwise_for_who_looks_at_it():
         ({"markers": [{"id": 1, "size": 0.1, "position": [0, 0, 0], "faces": [0, 0, 0]}]}, "expected a direction"),
     ],
 )
-def test_what_cannot_be_is_named(data, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_be_is_named(data, message):
+    with pytest.raises(ConfigError, match=message):
         parse(Layout, data, "pool.yaml")
 
 

@@ -47,12 +47,12 @@ def test_a_damaged_byte_is_told_and_never_a_traceback(written, tmp_path):
         changed[at] ^= 0x5A
         path = tmp_path / "damaged.mcap"
         path.write_bytes(changed)
-        told = []
+        reports = []
         try:
-            found = list(read_pictures(path, damaged=told.append))
+            found = list(read_pictures(path, damaged=reports.append))
         except LogError:
             continue  # magic, declaration or end of the file
-        assert told or found == whole
+        assert reports or found == whole
 
 
 def test_bad_files_are_named(written, tmp_path):

@@ -55,8 +55,8 @@ def test_reachable_wrench_is_made(seed, n, saturation):
     T, thrusters = any_thrusters(seed, n)
     forces = np.random.default_rng(seed + 1).uniform(-1.0, 1.0, n)
     tau = T @ forces
-    command, told = allocation(thrusters, saturation=saturation)(jnp.asarray(tau))
-    np.testing.assert_allclose(told, tau, atol=1e-9)
+    command, allocated = allocation(thrusters, saturation=saturation)(jnp.asarray(tau))
+    np.testing.assert_allclose(allocated, tau, atol=1e-9)
     np.testing.assert_allclose(made(thrusters, command), tau, atol=1e-9)
 
 
@@ -64,9 +64,9 @@ def test_reachable_wrench_is_made(seed, n, saturation):
 def test_what_it_tells_is_what_thrusters_make(seed, n, saturation):
     _, thrusters = any_thrusters(seed, n)
     tau = jnp.asarray(np.random.default_rng(seed + 1).normal(0, 40, 6))
-    command, told = allocation(thrusters, saturation=saturation)(tau)
+    command, allocated = allocation(thrusters, saturation=saturation)(tau)
     assert np.all(np.abs(command.u) <= 1 + 1e-12)
-    np.testing.assert_allclose(made(thrusters, command), told, atol=1e-9)
+    np.testing.assert_allclose(made(thrusters, command), allocated, atol=1e-9)
 
 
 @given(seeds, st.just(8))
@@ -88,8 +88,8 @@ def test_pitch_of_two_bodies_cannot_be_controlled():
     assert rank(T) == 5
     np.testing.assert_allclose(np.abs(uncontrollable_directions(T)), [[0, 0, 0, 0, 1, 0]], atol=1e-12)
     np.testing.assert_allclose(reachable_share(T), [1, 1, 1, 1, 0, 1], atol=1e-12)
-    _, told = Allocation.of(thirty_kg())(jnp.array([3.0, 1.0, -2.0, 0.4, 1.0, 0.7]))
-    np.testing.assert_allclose(told, [3.0, 1.0, -2.0, 0.4, 0.0, 0.7], atol=1e-12)
+    _, allocated = Allocation.of(thirty_kg())(jnp.array([3.0, 1.0, -2.0, 0.4, 1.0, 0.7]))
+    np.testing.assert_allclose(allocated, [3.0, 1.0, -2.0, 0.4, 0.0, 0.7], atol=1e-12)
 
 
 @given(seeds, st.sampled_from([2, 4, 5]))
@@ -128,44 +128,44 @@ def test_no_thrusters_reach_nothing():
         np.testing.assert_array_equal(limit, np.zeros(6))
     for saturation in ("scale", "clip"):
         allocate = Allocation.of(thirty_kg().replace(thrusters=thrusters), saturation=saturation)
-        command, told = allocate(jnp.ones(6))
-        assert command.u.shape == (0,) and not np.any(told)
+        command, allocated = allocate(jnp.ones(6))
+        assert command.u.shape == (0,) and not np.any(allocated)
 
 
 @given(seeds)
 def test_scaling_keeps_the_direction(seed):
     thrusters = thrusters_from(jnp.asarray(VECTORED), jnp.full(6, 10.0), jnp.full(6, 7.0))
     tau = np.random.default_rng(seed).normal(0, 60, 6) * [1, 1, 0, 0, 0, 0.2]
-    _, told = allocation(thrusters)(jnp.asarray(tau))
-    told = np.asarray(told)
-    share = told @ tau / (tau @ tau)
+    _, allocated = allocation(thrusters)(jnp.asarray(tau))
+    allocated = np.asarray(allocated)
+    share = allocated @ tau / (tau @ tau)
     assert 0 < share <= 1
-    np.testing.assert_allclose(told, share * tau, atol=1e-9)
+    np.testing.assert_allclose(allocated, share * tau, atol=1e-9)
     if share < 1:  # and no larger wrench along it is possible
         low, high = (np.asarray(limit) for limit in force_limits(thrusters))
-        forces = np.linalg.pinv(VECTORED) @ told
+        forces = np.linalg.pinv(VECTORED) @ allocated
         assert np.any(np.isclose(forces, low, atol=1e-6) | np.isclose(forces, high, atol=1e-6))
 
 
 def test_clipping_turns_the_wrench_and_gives_more():
-    wanted = jnp.array([20.0, 0.0, 0.0, 0.0, 0.0, 2.8])  # port 15 N, starboard 5 N; 10 N each at most
-    _, scaled = Allocation.of(thirty_kg())(wanted)
-    _, clipped = Allocation.of(thirty_kg(), saturation="clip")(wanted)
-    np.testing.assert_allclose(scaled, np.asarray(wanted) * 10 / 15, atol=1e-12)
+    expected = jnp.array([20.0, 0.0, 0.0, 0.0, 0.0, 2.8])  # port 15 N, starboard 5 N; 10 N each at most
+    _, scaled = Allocation.of(thirty_kg())(expected)
+    _, clipped = Allocation.of(thirty_kg(), saturation="clip")(expected)
+    np.testing.assert_allclose(scaled, np.asarray(expected) * 10 / 15, atol=1e-12)
     np.testing.assert_allclose(clipped, [15.0, 0, 0, 0, 0, ARM * 5.0], atol=1e-12)
 
 
 def test_an_axis_of_its_own_keeps_its_force():
-    _, told = Allocation.of(thirty_kg())(jnp.array([60.0, 0.0, 5.0, 1.0, 0.0, 1.4]))
+    _, allocated = Allocation.of(thirty_kg())(jnp.array([60.0, 0.0, 5.0, 1.0, 0.0, 1.4]))
     share = 10 / (30 + 2.5)
-    np.testing.assert_allclose(told, [60 * share, 0, 5.0, 1.0, 0, 1.4 * share], atol=1e-12)
+    np.testing.assert_allclose(allocated, [60 * share, 0, 5.0, 1.0, 0, 1.4 * share], atol=1e-12)
 
 
 def test_thruster_that_cannot_push_astern_does_not_stop_the_others():
     T = np.eye(6)[:, [0, 0, 1]]
     thrusters = thrusters_from(jnp.asarray(T), jnp.array([10.0, 10.0, 5.0]), jnp.array([10.0, 0.0, 5.0]))
-    _, told = allocation(thrusters)(jnp.array([-8.0, 3.0, 0, 0, 0, 0]))
-    np.testing.assert_allclose(told, [-4.0, 3.0, 0, 0, 0, 0], atol=1e-12)
+    _, allocated = allocation(thrusters)(jnp.array([-8.0, 3.0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(allocated, [-4.0, 3.0, 0, 0, 0, 0], atol=1e-12)
 
 
 def test_known_fault_is_worked_round():
@@ -174,8 +174,8 @@ def test_known_fault_is_worked_round():
         thrusters.configuration, thrusters.force_ahead, thrusters.force_astern, health=jnp.array([0.0, 0.5] + [1.0] * 6)
     )
     tau = jnp.asarray(T[:, 1:] @ np.full(7, 0.3))
-    command, told = allocation(broken)(tau)
-    np.testing.assert_allclose(told, tau, atol=1e-9)
+    command, allocated = allocation(broken)(tau)
+    np.testing.assert_allclose(allocated, tau, atol=1e-9)
     np.testing.assert_allclose(made(broken, command), tau, atol=1e-9)
 
 
@@ -186,8 +186,8 @@ def test_limits_of_each_axis():
 
 
 def test_nothing_wanted_nothing_sent():
-    command, told = Allocation.of(thirty_kg())(jnp.zeros(6))
-    assert not np.any(command.u) and not np.any(told)
+    command, allocated = Allocation.of(thirty_kg())(jnp.zeros(6))
+    assert not np.any(command.u) and not np.any(allocated)
 
 
 def test_gradient_is_finite_at_rest_and_beyond_the_limits():

@@ -164,13 +164,13 @@ def test_lost_estimate_aborts(model):
 # What goes out
 
 
-def load_wrench_is_what_the_thrusters_are_told(model):
+def load_wrench_is_what_the_thrusters_are_sent(model):
     _, output = flown(pilot(model, gains="pole_placement"), model, START, requests(SHORT))
-    told = jax.vmap(lambda u: static_force(model.thrusters, u))(output.command.u) @ two_bodies().T
+    reported = jax.vmap(lambda u: static_force(model.thrusters, u))(output.command.u) @ two_bodies().T
     free = ~np.any(output.wrench.saturated, axis=1)
     assert 0.1 < free.mean() < 0.999
-    np.testing.assert_allclose(told[free], output.wrench.tau[free], atol=1e-8)
-    shortened = np.any(np.abs(told - output.wrench.tau) > 1e-6, axis=1)
+    np.testing.assert_allclose(reported[free], output.wrench.tau[free], atol=1e-8)
+    shortened = np.any(np.abs(reported - output.wrench.tau) > 1e-6, axis=1)
     assert np.all(~free[shortened])
 
 

@@ -50,13 +50,13 @@ FAR_AHEAD = dataclasses.replace(ON_LEG, eta=as_array([6.0, 9.0, 8.0, 0.0, 0.0, n
 
 
 @jax.jit
-def follow(memory, modes, wish):
+def follow(memory, modes, command):
     """Memory and set-points; the vehicle stays until a contingency begins, then it is where asked, a tick late."""
 
     def one(carry, mode):
         memory, at = carry
         here = estimate_of(at, ON_LEG.nu)
-        given = ContingencyInput(FAR_AHEAD, here, Mode(mode, jnp.where(mode > MODE_PAUSED, LEAK, 0)), wish)
+        given = ContingencyInput(FAR_AHEAD, here, Mode(mode, jnp.where(mode > MODE_PAUSED, LEAK, 0)), command)
         memory, asked = BLOCK.step(memory, given, DT)
         return (memory, jnp.where(mode > MODE_RUNNING, asked.eta, at)), asked
 
@@ -64,10 +64,10 @@ def follow(memory, modes, wish):
     return memory, asked
 
 
-def flown(*spans, wish=(0.0, 0.0, 0.0, 0.0)):
+def flown(*spans, command=(0.0, 0.0, 0.0, 0.0)):
     """Set-points of (mode, seconds) one after the other; the pilot wishes the same all the time."""
     modes = np.concatenate([np.full(round(seconds / DT), mode) for mode, seconds in spans])
-    return follow(BLOCK.init(jax.random.key(0), START), jnp.asarray(modes), as_array(wish))[1]
+    return follow(BLOCK.init(jax.random.key(0), START), jnp.asarray(modes), as_array(command))[1]
 
 
 def test_the_mission_passes_through():
@@ -140,7 +140,7 @@ def test_paused_after_a_fail_safe_it_stays_and_running_it_goes_back_to_guidance(
 
 
 def test_a_pilot_gets_the_velocity_along_the_heading_and_what_he_does_not_want_is_held():
-    asked = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 20.0), wish=(0.2, 0.0, -0.1, 0.0))
+    asked = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 20.0), command=(0.2, 0.0, -0.1, 0.0))
     eta, nu = np.asarray(asked.eta), np.asarray(asked.nu)
     assert np.allclose(nu[-1], [0.2, 0.0, -0.1, 0.0, 0.0, 0.0], atol=1e-6) and int(asked.phase[-1]) == PILOTED
     # It looks east: surge is east, and up is up.
@@ -148,7 +148,7 @@ def test_a_pilot_gets_the_velocity_along_the_heading_and_what_he_does_not_want_i
 
 
 def test_a_pilot_who_turns_moves_along_the_new_heading():
-    asked = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 20.0), wish=(0.2, 0.0, 0.0, 0.1))
+    asked = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 20.0), command=(0.2, 0.0, 0.0, 0.1))
     eta = np.asarray(asked.eta)
     along = np.diff(eta[-60:, :2], axis=0) / DT
     psi = eta[-60:-1, 5]
@@ -162,9 +162,9 @@ def test_without_a_wish_the_pilot_keeps_the_station():
 
 
 def test_a_pilot_gets_no_more_than_the_vehicle_may_and_does_not_leave_it_behind():
-    nu = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0), wish=(9.0, 0.0, 0.0, 9.0)).nu)
+    nu = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0), command=(9.0, 0.0, 0.0, 9.0)).nu)
     assert np.abs(nu[:, :2]).max() <= 0.5 + 1e-9 and nu[-1, 5] == 0.5
-    still = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 5.0), wish=(np.nan, 0.0, 0.0, np.nan))
+    still = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 5.0), command=(np.nan, 0.0, 0.0, np.nan))
     assert np.isfinite(np.asarray(still.eta)).all(), "what is not a number is no wish"
     memory, here = BLOCK.init(jax.random.key(0), START), estimate_of(AT)
     for _ in range(200):  # a vehicle that is stuck
@@ -178,7 +178,7 @@ def test_a_pilot_gets_no_more_than_the_vehicle_may_and_does_not_leave_it_behind(
 
 def test_paused_after_piloting_it_stays_where_the_pilot_left_it_and_resumed_the_mission_goes_on():
     asked = flown(
-        (MODE_RUNNING, 1.0), (MODE_PILOTED, 10.0), (MODE_PAUSED, 5.0), (MODE_RUNNING, 1.0), wish=(0.2, 0, 0, 0)
+        (MODE_RUNNING, 1.0), (MODE_PILOTED, 10.0), (MODE_PAUSED, 5.0), (MODE_RUNNING, 1.0), command=(0.2, 0, 0, 0)
     )
     eta = np.asarray(asked.eta)
     assert np.linalg.norm(eta[155, :2] - AT[:2]) > 1.0 and np.linalg.norm(eta[155, :2] - FAR_AHEAD.eta[:2]) > 1.0

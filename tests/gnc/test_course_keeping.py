@@ -44,20 +44,22 @@ THIRD = float(SCALES.top[0]) / 3.0
 WHOLE = round(240.0 / DT)  # ticks: one compilation serves all flights
 
 
-class Told(Block):
+class Reported(Block):
     """Believes what it is told: eta, nu and the disturbance, shape (18,)."""
 
     def init(self, key, start):
         return jnp.zeros(())
 
     def step(self, memory, input, dt):
-        told = input.measurements["truth"].value[0]
-        return memory, Estimate(told[:6], told[6:12], told[12:], 1e-4 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
+        reported = input.measurements["truth"].value[0]
+        return memory, Estimate(
+            reported[:6], reported[6:12], reported[12:], 1e-4 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1)
+        )
 
 
 def pilot(plan, rules=None):
     return Autopilot(
-        observer=Told(),
+        observer=Reported(),
         supervisor=Supervisor() if rules is None else Supervisor(rules),
         guidance=PathGuidance.of(MODEL, steered=True),
         contingency=Contingency.of(MODEL),
@@ -82,9 +84,9 @@ def _fly(autopilot, current, offset):
         carried = MODEL.mass[:3, :3] @ jnp.cross(state.nu[3:], R.T @ environment.velocity)
         force = R @ ((still - flowing)[:3] - carried)
         euler = euler_from_quaternion(state.attitude)
-        told = jnp.concatenate([state.position.at[:2].add(off), euler, state.nu, force, jnp.zeros(3)])
-        heard = {"truth": Slot(told[None], jnp.ones(1, dtype=bool), jnp.zeros(1))}
-        memory, out = autopilot.step(memory, AutopilotInput(heard, jnp.asarray(NO_REQUEST)), DT)
+        reported = jnp.concatenate([state.position.at[:2].add(off), euler, state.nu, force, jnp.zeros(3)])
+        received = {"truth": Slot(reported[None], jnp.ones(1, dtype=bool), jnp.zeros(1))}
+        memory, out = autopilot.step(memory, AutopilotInput(received, jnp.asarray(NO_REQUEST)), DT)
         seen = (jnp.append(state.position[:2], euler[2]), out.setpoint, out.wrench.saturated, euler)
         return (memory, plant_step(MODEL, state, out.command, environment, DT)), seen
 
@@ -149,14 +151,14 @@ def test_a_way_point_that_was_passed_beside_is_come_back_to():
     offset = np.zeros((WHOLE, 2))
     offset[arrives:] = [1.0, 0.6]
     place, setpoint, _ = fly(plan, (0.0, 0.0), offset=offset)
-    told = place[:, :2] + offset
-    before = np.linalg.norm(told[arrives] - [4, 0])
+    reported = place[:, :2] + offset
+    before = np.linalg.norm(reported[arrives] - [4, 0])
     assert before > 0.2, "or there is nothing to come back to"
     assert setpoint.phase[-1] == FINISHED
     first = int(np.argmax(setpoint.phase == FINISHED))
-    assert np.linalg.norm(told[first] - [4, 0]) < 0.25
+    assert np.linalg.norm(reported[first] - [4, 0]) < 0.25
     assert first > arrives, "it finishes when it has come back, not before the jump"
-    assert told[arrives:first, 0].max() > 4.0 + 0.2, "it goes past the way-point first, by more than the acceptance"
+    assert reported[arrives:first, 0].max() > 4.0 + 0.2, "it goes past the way-point first, by more than the acceptance"
     # The point is not at its end yet and waits there, so that no miss is counted.
     assert WAITING in setpoint.progress.state[arrives:first] and setpoint.progress.misses.max() == 0
 
@@ -172,10 +174,10 @@ def test_a_heading_that_was_given_up_is_not_taken_again_at_the_limit():
     for current in (0.05, 0.3, 0.11, 0.15, 0.11, 0.02):  # [m/s] across the heading
         drag = MODEL.linear_damping_ahead[1, 1] * current + MODEL.quadratic_damping_ahead[1, 1] * current**2
         bias = jnp.zeros(6).at[1].set(drag)
-        told = Estimate(jnp.zeros(6), jnp.zeros(6), bias, 1e-12 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
+        reported = Estimate(jnp.zeros(6), jnp.zeros(6), bias, 1e-12 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
         memory = dataclasses.replace(memory, current=jnp.asarray([0.0, current]))  # it is smoothed
         for _ in range(2):  # a memory is taken over in the first step
-            memory, _ = STEP(course, memory, CourseInput(asked, told))
+            memory, _ = STEP(course, memory, CourseInput(asked, reported))
         given_up.append(bool(memory.turns))
     assert given_up == [False, True, True, True, True, False]
 

@@ -73,7 +73,7 @@ def test_times_are_the_vehicles():
     assert Bow.of(load_vehicle("blueye_pioneer").model()) is None, "nothing turns it"
 
 
-def holds(mode, wish=np.zeros(4), seconds=60.0, model=MODEL):
+def holds(mode, command=np.zeros(4), seconds=60.0, model=MODEL):
     """Headings that a contingency asks for, of a vehicle that looks where it is told and stays where it is."""
     block = Contingency.of(model, bow=BOW)
     asked = PathGuidance.of(model).init(jax.random.key(0), START)
@@ -82,7 +82,7 @@ def holds(mode, wish=np.zeros(4), seconds=60.0, model=MODEL):
     def tick(carry, _):
         memory, psi = carry
         here = feels(STRONG * EAST, psi)
-        step = ContingencyInput(given, here, Mode(jnp.asarray(mode), jnp.asarray(0)), as_array(wish))
+        step = ContingencyInput(given, here, Mode(jnp.asarray(mode), jnp.asarray(0)), as_array(command))
         memory, own = block.step(memory, step, DT)
         return (memory, own.eta[5]), own.eta[5]
 

@@ -424,8 +424,8 @@ def test_rejections_of_one_of_two_positions_do_not_hang_on_the_other(model):
     off, right = (Slot(jnp.array([[x, 0.0]]), there, jnp.zeros(1)) for x in (8.0, 0.0))
     input = ObserverInput({"position": off, "position_2": right}, command)
     step = jax.jit(lambda memory: ekf.step(memory, input, DT))
-    memory, believed = ekf.init(jax.random.key(0), START), []
+    memory, estimated = ekf.init(jax.random.key(0), START), []
     for _ in range(6):
         memory, estimate = step(memory)
-        believed.append([float(dof) for dof in estimate.nis_dof])
-    assert believed == [[0.0, 2.0]] * 5 + [[2.0, 2.0]]
+        estimated.append([float(dof) for dof in estimate.nis_dof])
+    assert estimated == [[0.0, 2.0]] * 5 + [[2.0, 2.0]]

@@ -155,7 +155,7 @@ def test_the_sea_is_told_by_its_acceleration():
     t = np.arange(0, 150, DT)
     noise = 0.02
 
-    def heard(amplitude):
+    def received_of(amplitude):
         a = np.zeros((len(t), 3)) + noise * rng.standard_normal((len(t), 3))
         a[:, 0] += amplitude * np.sin(frequency * t)
 
@@ -164,10 +164,10 @@ def test_the_sea_is_told_by_its_acceleration():
 
         return jax.lax.scan(tick, SeaState.unknown(), jnp.asarray(a))
 
-    rough, frequencies = heard(amplitude)
+    rough, frequencies = received_of(amplitude)
     assert float(rough.acceleration_variance[0]) == pytest.approx(0.5 * amplitude**2, rel=0.15)
     assert np.mean(frequencies[-1000:]) == pytest.approx(frequency, rel=0.15)
-    calm, _ = heard(0.0)
+    calm, _ = received_of(0.0)
     assert np.abs(np.asarray(calm.acceleration_variance)).max() < 0.02 * 0.5 * amplitude**2
 
 
@@ -480,9 +480,9 @@ def test_a_thruster_that_is_gone_is_not_taken_for_a_wave(model, seed):
         z[k + 1] = z[k] + 0.5 * DT * (w[k] + w[k + 1])
     rng = np.random.default_rng(seed)
     noise = tuple(std * rng.standard_normal((n, 1, m)) for std, m in ((0.01, 1), (0.005, 3), (0.05, 3)))
-    told = (jnp.asarray(x) for x in (z[1:], w[1:], np.diff(w) / DT))
+    reported = (jnp.asarray(x) for x in (z[1:], w[1:], np.diff(w) / DT))
     filter = NavigationFilter(model, Tuning.of(model, mounts))
-    depth, used, bias = map(np.asarray, sinking(filter, *told, jax.tree.map(jnp.asarray, noise)))
+    depth, used, bias = map(np.asarray, sinking(filter, *reported, jax.tree.map(jnp.asarray, noise)))
     assert np.abs(depth - z[1:])[begin:].max() < 0.03
     assert used[begin:].sum() == (n - begin) / 5
     assert bias[-1] == pytest.approx(force, rel=0.2)

@@ -25,24 +25,26 @@ def given(estimate, reference, shortfall=np.zeros(6)):
     return ControlInput(estimate, reference, jnp.asarray(shortfall, dtype=float))
 
 
-def hold(pid, model, target, n, force=(0, 0, 0, 0, 0, 0), told=1.0):
+def hold(pid, model, target, n, force=(0, 0, 0, 0, 0, 0), reported=1.0):
     """Truth after each of n ticks under a PID with perfect feedback and a constant force, b (6,).
 
-    `told` scales the shortfall that the controller hears of: 0 keeps the allocation's limits from it.
+    `reported` scales the shortfall that the controller hears of: 0 keeps the allocation's limits from it.
     """
     return np.asarray(
-        _hold(pid, model, Allocation.of(model), target, n, jnp.asarray(force, dtype=float), jnp.asarray(told))
+        _hold(pid, model, Allocation.of(model), target, n, jnp.asarray(force, dtype=float), jnp.asarray(reported))
     )
 
 
 @eqx.filter_jit
-def _hold(pid, model, allocate, target, n, force, told):
+def _hold(pid, model, allocate, target, n, force, reported):
     environment = eqx.tree_at(lambda e: e.wrench, Environment.calm(), force)
 
     def tick(carry, _):
         memory, state, shortfall = carry
         truth = truth_of(state)
-        memory, wrench = pid.step(memory, ControlInput(estimate_of(truth[:6], truth[6:]), target, told * shortfall), DT)
+        memory, wrench = pid.step(
+            memory, ControlInput(estimate_of(truth[:6], truth[6:]), target, reported * shortfall), DT
+        )
         command, allocated = allocate(wrench.tau)
         return (memory, plant_step(model, state, command, environment, DT), wrench.tau - allocated), truth
 
@@ -59,12 +61,14 @@ def test_error_is_seen_from_the_body():
     np.testing.assert_allclose(e, [0, -2, 0.5, 0, 0, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize(("wanted", "now", "error"), [(179, -179, -2), (-179, 179, 2), (170, -20, -170), (10, -10, 20)])
-def test_heading_error_is_the_short_way_round(wanted, now, error):
+@pytest.mark.parametrize(
+    ("expected", "now", "error"), [(179, -179, -2), (-179, 179, 2), (170, -20, -170), (10, -10, 20)]
+)
+def test_heading_error_is_the_short_way_round(expected, now, error):
     def heading(degrees):
         return np.array([0, 0, 0, 0, 0, np.radians(degrees)])
 
-    inputs = given(estimate_of(heading(now)), reference_of(heading(wanted)))
+    inputs = given(estimate_of(heading(now)), reference_of(heading(expected)))
     e, _ = body_error(inputs.estimate, inputs.reference)
     assert np.degrees(e[5]) == pytest.approx(error)
     pid = Pid.table_7_1(thirty_kg())
@@ -125,8 +129,8 @@ def test_pole_placement_places_the_poles(zeta):
     A = closed_loop_matrix(pid, model)
     for axis in AXES:
         got = np.sort_complex(np.linalg.eigvals(block(A, np.array([axis]))))
-        wished = np.sort_complex(np.roots([1, 2 * zeta * w[axis], w[axis] ** 2, 0.1 * w[axis] ** 3]))
-        np.testing.assert_allclose(got, wished, atol=1e-6)
+        expected = np.sort_complex(np.roots([1, 2 * zeta * w[axis], w[axis] ** 2, 0.1 * w[axis] ** 3]))
+        np.testing.assert_allclose(got, expected, atol=1e-6)
     without = eqx.tree_at(lambda p: p.K_i, pid, jnp.zeros(6))
     got = np.linalg.eigvals(closed_loop_matrix(without, model)[:12, :12])
     for axis in AXES:  # the complex pair -zeta w +- w sqrt(zeta^2 - 1) is among the eigenvalues of the whole
@@ -225,7 +229,7 @@ def test_no_windup(model, limited_by):
     assert path[:, 0].max() < 8.0 + 0.7
     assert path[-1, 0] == pytest.approx(8.0, abs=0.05)
 
-    unaware = hold(wide, model, target, 6000, told=0.0)
+    unaware = hold(wide, model, target, 6000, reported=0.0)
     assert unaware[:, 0].max() > 8.0 + 2.0
 
 

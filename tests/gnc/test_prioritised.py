@@ -82,7 +82,7 @@ def test_allocation_is_the_oracles(seed):
     last = rng.uniform(low, high)
     tau = T @ rng.uniform(low, high) * rng.choice([0.2, 1.0, 5.0]) + rng.choice([0.0, 10.0]) * rng.normal(size=6)
     memory = AllocationMemory(jnp.asarray(last), jnp.asarray(last))
-    after, told = step(block, memory, AllocationInput(jnp.asarray(tau), jnp.asarray(health)))
+    after, allocated = step(block, memory, AllocationInput(jnp.asarray(tau), jnp.asarray(health)))
 
     scale, weight = np.maximum(high, -low), np.asarray(block.weight)
     lower = np.where(health > 0, np.maximum(low, last - np.asarray(block.slew) * DT), 0.0) / scale
@@ -92,66 +92,66 @@ def test_allocation_is_the_oracles(seed):
     first = oracle(*problem, np.zeros(8), DAMPING)
     want = oracle(*problem, first, DAMPING) * scale
     np.testing.assert_allclose(T * health @ after.solved, T * health @ want, atol=1e-6 * scale.max())
-    np.testing.assert_allclose(told.made, T * health @ after.sent, atol=1e-9)
-    np.testing.assert_allclose(told.residual, tau - told.made, atol=1e-9)
-    assert np.all(np.abs(told.command.u) <= 1 + 1e-12)
+    np.testing.assert_allclose(allocated.made, T * health @ after.sent, atol=1e-9)
+    np.testing.assert_allclose(allocated.residual, tau - allocated.made, atol=1e-9)
+    assert np.all(np.abs(allocated.command.u) <= 1 + 1e-12)
 
 
 @given(seeds, st.sampled_from([VECTORED, two_bodies()]))
 def test_reachable_wrench_is_made(seed, T):
     thrusters = thrusters_from(jnp.asarray(T), jnp.full(6, 10.0), jnp.full(6, 7.0))
     tau = T @ np.random.default_rng(seed).uniform(-6.9, 9.9, 6)
-    told = step_from_rest(PriorityAllocation.of(thirty_kg(thrusters=thrusters), start=0, stop=0), tau)
-    np.testing.assert_allclose(told.made, tau, atol=2e-5)
-    np.testing.assert_allclose(made(thrusters, told.command), told.made, atol=1e-9)
+    allocated = step_from_rest(PriorityAllocation.of(thirty_kg(thrusters=thrusters), start=0, stop=0), tau)
+    np.testing.assert_allclose(allocated.made, tau, atol=2e-5)
+    np.testing.assert_allclose(made(thrusters, allocated.command), allocated.made, atol=1e-9)
 
 
 def test_heading_goes_before_surge():
     block = PriorityAllocation.of(thirty_kg())
-    told = step_from_rest(block, [20.0, 3.0, 0, 0, 0, 2.8])
-    np.testing.assert_allclose(told.made, [10.0, 3.0, 0, 0, 0, 2.8], atol=0.03)
-    np.testing.assert_array_equal(told.limited, [True, False, False, False, False, False])
+    allocated = step_from_rest(block, [20.0, 3.0, 0, 0, 0, 2.8])
+    np.testing.assert_allclose(allocated.made, [10.0, 3.0, 0, 0, 0, 2.8], atol=0.03)
+    np.testing.assert_array_equal(allocated.limited, [True, False, False, False, False, False])
     # The starboard thruster would give the last 0.03 N, but rests: that is no limit's doing.
-    np.testing.assert_allclose(told.residual, told.shortfall, atol=0.04)
+    np.testing.assert_allclose(allocated.residual, allocated.shortfall, atol=0.04)
 
 
 def test_depth_goes_before_roll_before_surge():
     # Heave rolls, and so does surge; what balances roll is enough for heave alone.
     T = np.eye(6)[:, [2, 0, 3]] + 0.2 * np.eye(6)[:, [3, 3, 0]] * [1.0, 1.0, 0.0]
     block = PriorityAllocation.of(thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.array([10.0, 10.0, 1.0]))))
-    told = step_from_rest(block, [5.0, 0, 5.0, 0, 0, 0])
-    np.testing.assert_allclose(told.made[2], 5.0, atol=0.05)
-    np.testing.assert_allclose(told.made[3], 0.0, atol=0.035)  # 5 N m at most, 2 / 300 of it
-    np.testing.assert_allclose(told.made[0], 0.0, atol=0.15)
+    allocated = step_from_rest(block, [5.0, 0, 5.0, 0, 0, 0])
+    np.testing.assert_allclose(allocated.made[2], 5.0, atol=0.05)
+    np.testing.assert_allclose(allocated.made[3], 0.0, atol=0.035)  # 5 N m at most, 2 / 300 of it
+    np.testing.assert_allclose(allocated.made[0], 0.0, atol=0.15)
 
 
 def test_what_one_thruster_less_cannot_hold_is_no_axis():
     """Heave and surge both roll, and nothing balances it: roll is left to the righting moment."""
     T = np.eye(6)[:, [2, 0]] + 0.2 * np.eye(6)[:, [3, 3]]
     block = PriorityAllocation.of(thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.array([10.0, 10.0]))))
-    told = step_from_rest(block, [5.0, 0, 5.0, 0, 0, 0])
-    np.testing.assert_allclose(told.made, [5.0, 0, 5.0, 2.0, 0, 0], atol=0.03)
-    np.testing.assert_allclose(told.shortfall, 0.0, atol=0.03)
+    allocated = step_from_rest(block, [5.0, 0, 5.0, 0, 0, 0])
+    np.testing.assert_allclose(allocated.made, [5.0, 0, 5.0, 2.0, 0, 0], atol=0.03)
+    np.testing.assert_allclose(allocated.shortfall, 0.0, atol=0.03)
 
 
 def test_one_of_two_bodies_lost_without_compiling_again():
     block = PriorityAllocation.of(thirty_kg())
     step_from_rest(block, np.zeros(6))
     compiled = step._cache_size()
-    told = step_from_rest(block, [10.0, 3.0, 5.0, 0, 0, 0], [1, 1, 1, 0, 0, 0])
+    allocated = step_from_rest(block, [10.0, 3.0, 5.0, 0, 0, 0], [1, 1, 1, 0, 0, 0])
     assert step._cache_size() == compiled
-    np.testing.assert_array_equal(told.command.u[3:], 0.0)
-    assert not np.any(told.limited[3:])
+    np.testing.assert_array_equal(allocated.command.u[3:], 0.0)
+    assert not np.any(allocated.limited[3:])
     np.testing.assert_allclose(
-        np.asarray(told.made)[[0, 1, 2, 5]], [0.0, 3.0, 5.0, 0.0], atol=0.05
+        np.asarray(allocated.made)[[0, 1, 2, 5]], [0.0, 3.0, 5.0, 0.0], atol=0.05
     )  # surge would turn it
 
 
 def test_weak_thruster_is_asked_for_more():
     block = PriorityAllocation.of(thirty_kg())
-    told = step_from_rest(block, [6.0, 0, 0, 0, 0, 0], [0.5, 1, 1, 1, 1, 1])
-    np.testing.assert_allclose(np.asarray(told.made)[[0, 5]], [6.0, 0.0], atol=1e-5)
-    np.testing.assert_allclose(np.asarray(told.command.u)[[0, 3]], [0.6, 0.3], atol=1e-5)
+    allocated = step_from_rest(block, [6.0, 0, 0, 0, 0, 0], [0.5, 1, 1, 1, 1, 1])
+    np.testing.assert_allclose(np.asarray(allocated.made)[[0, 5]], [6.0, 0.0], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(allocated.command.u)[[0, 3]], [0.6, 0.3], atol=1e-5)
 
 
 def test_force_moves_no_faster_than_its_rate():
@@ -159,31 +159,31 @@ def test_force_moves_no_faster_than_its_rate():
     memory = block.init(jax.random.key(0), None)
     sent = []
     for k in range(20):
-        wanted = [20.0 if k < 12 else -20.0, 0, 0, 0, 0, 0]
-        memory, told = step(block, memory, AllocationInput(jnp.array(wanted), SOUND))
+        expected = [20.0 if k < 12 else -20.0, 0, 0, 0, 0, 0]
+        memory, allocated = step(block, memory, AllocationInput(jnp.array(expected), SOUND))
         sent.append(float(memory.solved[0]))
     assert np.max(np.abs(np.diff([0.0, *sent]))) <= 50.0 * DT + 1e-12
     np.testing.assert_allclose(sent[9], 10.0, atol=1e-3)
-    assert told.limited[0]
+    assert allocated.limited[0]
 
 
 def test_near_standstill_a_thruster_rests_and_does_not_chatter():
     block = PriorityAllocation.of(thirty_kg(), start=0.02, stop=0.01)
     memory, forces = block.init(jax.random.key(0), None), []
     for surge in [0.3, 0.5, 0.3, 0.15, 0.3, -0.3]:  # of 10 N each: 0.15, 0.25, 0.15, 0.075, 0.15, -0.15
-        memory, told = step(block, memory, AllocationInput(jnp.array([surge, 0, 0, 0, 0, 0]), SOUND))
+        memory, allocated = step(block, memory, AllocationInput(jnp.array([surge, 0, 0, 0, 0, 0]), SOUND))
         forces.append(float(memory.sent[0]))
     np.testing.assert_allclose(forces, [0, 0.25, 0.15, 0, 0, 0], atol=1e-5)
-    np.testing.assert_allclose(told.shortfall, 0.0, atol=1e-5)
-    np.testing.assert_allclose(told.residual[0], -0.3, atol=1e-5)
+    np.testing.assert_allclose(allocated.shortfall, 0.0, atol=1e-5)
+    np.testing.assert_allclose(allocated.residual[0], -0.3, atol=1e-5)
 
 
 def test_slow_thruster_gets_away_from_standstill():
     block = PriorityAllocation.of(thirty_kg(), slew=1.0, start=0.05, stop=0.01)
     memory = block.init(jax.random.key(0), None)
     for _ in range(60):
-        memory, told = step(block, memory, AllocationInput(jnp.array([2.0, 0, 0, 0, 0, 0]), SOUND))
-    np.testing.assert_allclose(told.made[0], 2.0, atol=1e-5)
+        memory, allocated = step(block, memory, AllocationInput(jnp.array([2.0, 0, 0, 0, 0, 0]), SOUND))
+    np.testing.assert_allclose(allocated.made[0], 2.0, atol=1e-5)
 
 
 @settings(max_examples=10)

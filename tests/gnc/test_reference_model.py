@@ -75,8 +75,8 @@ def test_begins_where_the_vehicle_is_and_as_it_moves():
 
 def test_speed_of_the_way_point_is_kept_on_a_straight_path_without_overshoot():
     speed, target = 0.25, np.array([3.0, -4.0, 1.0, 0, 0, 0])
-    wanted = setpoint(target, [speed, 0, 0, 0, 0, 0])
-    path = follow(ReferenceModel.thesis(obey_speed=True), Start.at(), wanted, 0.02, 2000)
+    expected = setpoint(target, [speed, 0, 0, 0, 0, 0])
+    path = follow(ReferenceModel.thesis(obey_speed=True), Start.at(), expected, 0.02, 2000)
     going = np.hypot(path.eta_dot[:, 0], path.eta_dot[:, 1])
     assert going.max() == pytest.approx(speed, rel=1e-9)
     along = np.asarray(path.eta[:, :2]) @ [0.6, -0.8]
@@ -85,7 +85,7 @@ def test_speed_of_the_way_point_is_kept_on_a_straight_path_without_overshoot():
     assert np.all(np.diff(along) >= 0) and np.diff(along).max() <= speed * 0.02 + 1e-12
     assert 5.0 / speed < 0.02 * np.argmax(along > 4.99) < 5.0 / speed + 6
 
-    free = follow(ReferenceModel.thesis(), Start.at(), wanted, 0.02, 400)
+    free = follow(ReferenceModel.thesis(), Start.at(), expected, 0.02, 400)
     assert np.hypot(*np.asarray(free.eta_dot[:, :2]).T).max() > 2.0
 
 

@@ -61,8 +61,8 @@ def at(std=0.01, **changes):
     eta = {"x": 1, "y": 2, "z": 3, "phi": 0.1, "theta": -0.1, "psi": 3.0} | changes
     made = estimate_of(list(eta.values()), std=std)
     # A position is believed in every tick, as well as the filter says.
-    heard = jnp.asarray([0.0, 0.0, 0.0, 2.0])
-    return dataclasses.replace(made, nis=heard, nis_dof=heard)
+    received = jnp.asarray([0.0, 0.0, 0.0, 2.0])
+    return dataclasses.replace(made, nis=received, nis_dof=received)
 
 
 def reading(name, value):
@@ -78,7 +78,7 @@ def watched(
     shortfall=None,
     ability=FINE,
     saturated=False,
-    wanted=None,
+    expected=None,
 ):
     return SupervisorInput(
         at() if estimate is None else estimate,
@@ -88,7 +88,7 @@ def watched(
         jnp.zeros(6) if shortfall is None else jnp.asarray(shortfall),
         jnp.asarray(ability),
         jnp.broadcast_to(jnp.asarray(saturated), 6),
-        jnp.full(3, jnp.nan) if wanted is None else jnp.asarray(wanted),
+        jnp.full(3, jnp.nan) if expected is None else jnp.asarray(expected),
     )
 
 
@@ -205,8 +205,8 @@ TRIGGERS = {
     "geofence": (watched(estimate=at(x=12.0, y=9.1)), watched(estimate=at(x=12.0, y=8.9))),
     "altitude limit": (watched(readings=reading("altimeter", 0.9)), watched(readings=reading("altimeter", 1.1))),
     # Of 0.01 m of standard deviation three are added: at (1, 2, 3).
-    "off course": (watched(wanted=[4.3, 4.5, 3.0]), watched(wanted=[4.1, 4.5, 9.0])),
-    "off depth": (watched(wanted=[1.0, 2.0, 5.1]), watched(wanted=[9.0, 2.0, 4.9])),
+    "off course": (watched(desired_position=[4.3, 4.5, 3.0]), watched(desired_position=[4.1, 4.5, 9.0])),
+    "off depth": (watched(desired_position=[1.0, 2.0, 5.1]), watched(desired_position=[9.0, 2.0, 4.9])),
 }
 RUNNING_OUT = {
     "positions lost",
@@ -256,17 +256,17 @@ def test_a_rule_can_be_ignored_or_answered_otherwise(name):
 
 @pytest.mark.parametrize("name", VITAL)
 def test_a_sensor_that_falls_silent_is_missed_after_3_s_and_one_that_is_not_there_never(name):
-    told = {one: Slot(jnp.zeros((1, 3)), jnp.ones(1, dtype=bool), jnp.zeros(1)) for one in VITAL}
-    mute = told | {name: Slot(jnp.zeros((1, 3)), jnp.zeros(1, dtype=bool), jnp.zeros(1))}
-    odd = told | {name: Slot(jnp.full((1, 3), jnp.nan), jnp.ones(1, dtype=bool), jnp.zeros(1))}
+    reported = {one: Slot(jnp.zeros((1, 3)), jnp.ones(1, dtype=bool), jnp.zeros(1)) for one in VITAL}
+    mute = reported | {name: Slot(jnp.zeros((1, 3)), jnp.zeros(1, dtype=bool), jnp.zeros(1))}
+    odd = reported | {name: Slot(jnp.full((1, 3), jnp.nan), jnp.ones(1, dtype=bool), jnp.zeros(1))}
     assert go_on(begun(), watched(readings=odd), 4.0, only("sensor silent"))[1] == MODE_SURFACING
     supervisor = only("sensor silent")
-    memory, mode, _ = go_on(begun(), watched(readings=told), 10.0, supervisor)
+    memory, mode, _ = go_on(begun(), watched(readings=reported), 10.0, supervisor)
     assert mode == MODE_RUNNING
     memory, mode, _ = go_on(memory, watched(readings=mute), 3.0, supervisor)
     assert mode == MODE_RUNNING
     assert go_on(memory, watched(readings=mute), 2 * DT, supervisor)[1:] == (MODE_SURFACING, flow.SENSOR_SILENT)
-    assert go_on(memory, watched(readings=told), 10.0, supervisor)[1] == MODE_RUNNING, "it speaks again"
+    assert go_on(memory, watched(readings=reported), 10.0, supervisor)[1] == MODE_RUNNING, "it speaks again"
     assert go_on(begun(), watched(), 10.0, supervisor)[1] == MODE_RUNNING, "there is none on board"
 
 
@@ -281,11 +281,11 @@ def test_a_return_that_does_not_come_nearer_is_given_up():
     assert go_on(begun(), far, 200.0)[1] == MODE_RUNNING, "it does not want to go home"
 
 
-def path(supervisor, places, wanted, mode=MODE_RUNNING, std=0.01):
+def path(supervisor, places, expected, mode=MODE_RUNNING, std=0.01):
     """Mode after ticks at these places (n, 3) with set-points (n, 3)."""
     memory = begun(mode, supervisor=supervisor)
-    for (x, y, z), place in zip(places, np.broadcast_to(wanted, np.shape(places)), strict=True):
-        memory, mode, _ = go_on(memory, watched(estimate=at(std, x=x, y=y, z=z), wanted=place), DT, supervisor)
+    for (x, y, z), place in zip(places, np.broadcast_to(expected, np.shape(places)), strict=True):
+        memory, mode, _ = go_on(memory, watched(estimate=at(std, x=x, y=y, z=z), expected=place), DT, supervisor)
     return mode
 
 
@@ -386,8 +386,8 @@ def test_the_second_sensor_of_a_kind_is_heeded_while_the_first_says_that_all_is_
     pair = Supervisor(Rules.of(CHANGES, FENCE, SHARES, sensors=["position", *well, name]))
     empty = EMPTY | {name: EMPTY[kind]}
     estimate = at()
-    heard = jnp.where(jnp.arange(5) == sorted(empty).index("position"), 2.0, 0.0)
-    estimate = dataclasses.replace(estimate, nis=heard, nis_dof=heard)
+    received = jnp.where(jnp.arange(5) == sorted(empty).index("position"), 2.0, 0.0)
+    estimate = dataclasses.replace(estimate, nis=received, nis_dof=received)
     first = watched(estimate=estimate, readings={name: EMPTY[kind]} | reading(kind, well[kind]))
     second = watched(estimate=estimate, readings={name: reading(kind, SECOND[name])[kind]})
     memory = begun(supervisor=pair)
@@ -406,14 +406,14 @@ def test_the_second_sensor_of_a_kind_is_heeded_while_the_first_says_that_all_is_
 
 def test_positions_of_a_second_sensor_count():
     estimate = at()
-    heard = jnp.asarray([0.0, 0.0, 0.0, 0.0, 2.0])  # `position` is silent
+    received = jnp.asarray([0.0, 0.0, 0.0, 0.0, 2.0])  # `position` is silent
     two = {"position_2": EMPTY["position"]}
-    second = watched(estimate=dataclasses.replace(estimate, nis=heard, nis_dof=heard), readings=two)
+    second = watched(estimate=dataclasses.replace(estimate, nis=received, nis_dof=received), readings=two)
     memory, mode, _ = go_on(begun(), second, 130.0)
     assert mode == MODE_RUNNING and float(memory.watch.silence) == 0.0
-    none = watched(estimate=dataclasses.replace(estimate, nis=0 * heard, nis_dof=0 * heard), readings=two)
+    none = watched(estimate=dataclasses.replace(estimate, nis=0 * received, nis_dof=0 * received), readings=two)
     assert go_on(memory, none, 122.0)[1:] == (MODE_SURFACING, flow.POSITIONS_LOST)
-    off = watched(estimate=dataclasses.replace(estimate, nis=7.0 * heard, nis_dof=heard), readings=two)
+    off = watched(estimate=dataclasses.replace(estimate, nis=7.0 * received, nis_dof=received), readings=two)
     assert go_on(begun(), off, 20.0)[1:] == (MODE_SURFACING, flow.FILTER_DIVERGED)
 
 

@@ -30,8 +30,8 @@ def depths(ranges, eta=lambda k: (0.0, 0.0, 2.0, 0.0, 0.0, 0.0), block=BLOCK):
     """Depth asked for at the way-points, tick by tick, for ranges (n,); their noise makes all different."""
     memory, out = block.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0))), []
     for k, one in enumerate(ranges):
-        memory, told = STEP(block, memory, jnp.asarray(float(one)), jnp.asarray(eta(k), dtype=float))
-        out.append(np.asarray(told.position[:, 2]))
+        memory, reported = STEP(block, memory, jnp.asarray(float(one)), jnp.asarray(eta(k), dtype=float))
+        out.append(np.asarray(reported.position[:, 2]))
     return np.array(out)
 
 

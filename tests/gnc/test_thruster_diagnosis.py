@@ -56,7 +56,7 @@ def flown(plant, share, push, commands, fault_at=FAULT_AT):
     return jax.lax.scan(one, begin, (jnp.asarray(T), commands))[1]
 
 
-def believed(share=(1,) * 6, push=np.zeros(6), plant=MODEL):
+def estimated(share=(1,) * 6, push=np.zeros(6), plant=MODEL):
     return np.asarray(flown(plant, as_array(share), as_array(push), COMMANDS))
 
 
@@ -69,7 +69,7 @@ def without(*lost, left=0.0, count=6):
 @pytest.mark.parametrize("lost", [0, 2, 3, 5])
 @pytest.mark.parametrize("left", [0.0, -1.0], ids=["dead", "reversed"])
 def test_a_lost_thruster_is_found_within_ten_seconds_and_no_other(lost, left):
-    health = believed(without(lost, left=left))
+    health = estimated(without(lost, left=left))
     assert np.all(health[T < FAULT_AT] == 1.0), "before it was lost"
     assert np.array_equal(health[T > FAULT_AT + 10.0][0], without(lost)), "within ten seconds"
     assert np.array_equal(health[-1], without(lost))
@@ -83,14 +83,14 @@ def test_one_that_is_dead_from_the_start_is_found_though_it_is_asked_for_the_sam
 
 
 def test_a_unit_is_found():
-    health = believed(without(*PORT))[-1]
+    health = estimated(without(*PORT))[-1]
     # Its sway thruster makes no moment: whether it is lost with the others, only the unit's hypothesis says.
     assert health[0] == 0.0 and health[2] == 0.0 and np.all(health[3:] == 1.0)
 
 
 @pytest.mark.parametrize("lost", [1, 4])
 def test_a_thruster_without_a_moment_is_not_claimed_lost(lost):
-    assert np.all(believed(without(lost)) == 1.0)
+    assert np.all(estimated(without(lost)) == 1.0)
 
 
 PUSHES = {
@@ -103,7 +103,7 @@ PUSHES = {
 
 @pytest.mark.parametrize("push", list(PUSHES))
 def test_what_pushes_from_outside_is_no_lost_thruster(push):
-    assert np.all(believed(push=PUSHES[push]) == 1.0)
+    assert np.all(estimated(push=PUSHES[push]) == 1.0)
 
 
 @pytest.mark.parametrize("drag", [0.75, 1.25])
@@ -111,11 +111,11 @@ def test_a_model_that_is_wrong_is_no_lost_thruster(drag):
     names = ("linear_damping_ahead", "quadratic_damping_ahead")
     heavier = {name: 1.1 * getattr(MODEL, name) for name in ("rigid_body_mass", "added_mass")}
     plant = thirty_kg(**heavier, **{name: drag * getattr(MODEL, name) for name in names})
-    assert np.all(believed(0.9 * np.ones(6), plant=plant) == 1.0)
+    assert np.all(estimated(0.9 * np.ones(6), plant=plant) == 1.0)
 
 
 def test_weak_by_a_third_is_not_lost():
-    assert np.all(believed(without(0, left=0.67)) == 1.0)
+    assert np.all(estimated(without(0, left=0.67)) == 1.0)
 
 
 def test_an_estimate_that_is_not_a_number_leaves_the_memory_usable():

@@ -43,8 +43,8 @@ class Dataflash:
         body = "<" + "".join(self.CODES[letter] for letter in letters)
         if name not in self.types:
             self.types[name] = 130 + len(self.types)
-            told = (self.types[name], 3 + struct.calcsize(body), name.encode(), letters.encode(), columns.encode())
-            self.data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *told)
+            reported = (self.types[name], 3 + struct.calcsize(body), name.encode(), letters.encode(), columns.encode())
+            self.data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *reported)
         self.data += b"\xa3\x95" + bytes([self.types[name]]) + struct.pack(body, *values)
 
 
@@ -60,11 +60,11 @@ def write_dataflash(path, parameters=PARAMETERS, without=(), armed=((2.0, 1), (9
     log.add("BARO", "QBf", "TimeUS,I,Alt", int(1e6 * START), 0, 5.0)
     for name, value in parameters.items():
         add("PARM", "QNf", "TimeUS,Name,Value", int(1e6 * START), name.encode(), value)
-    told = list(armed)
+    reports = list(armed)
     for i, t in enumerate(T):
         us = int(round(1e6 * (START + t)))
-        while told and told[0][0] <= t:
-            add("ARM", "QB", "TimeUS,ArmState", us, told.pop(0)[1])
+        while reports and reports[0][0] <= t:
+            add("ARM", "QB", "TimeUS,ArmState", us, reports.pop(0)[1])
         hundredths = np.round(np.degrees(EULER[i]) % [1e9, 1e9, 360.0] * 100).astype(int)
         roll, pitch = np.round(np.degrees(EULER[i, :2]) * 100).astype(int)
         add("ATT", "QccC", "TimeUS,Roll,Pitch,Yaw", us, roll, pitch, hundredths[2])

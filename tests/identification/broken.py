@@ -141,10 +141,10 @@ def axis_steps(vehicle, seed, duration, hold=3.0, largest=1.0, axes=(0, 1, 2, 5)
     able = [axis for axis in axes if np.abs(T[axis]).sum() > 0.05]
     back, t, u = np.linalg.pinv(T), [0.0], [np.zeros(T.shape[1])]
     while t[-1] < duration:
-        wanted = np.zeros(6)
+        expected = np.zeros(6)
         some = rng.choice(able, rng.integers(1, 4), replace=False)
-        wanted[some] = rng.choice([-1.0, 1.0], len(some))
-        mixed = back @ (wanted * rng.uniform(0.3, 1.0, 6) * np.abs(T).sum(axis=1))
+        expected[some] = rng.choice([-1.0, 1.0], len(some))
+        mixed = back @ (expected * rng.uniform(0.3, 1.0, 6) * np.abs(T).sum(axis=1))
         u.append(mixed / max(np.abs(mixed).max(), 1e-9) * largest * rng.uniform(0.4, 1.0))
         t.append(t[-1] + (hold if len(t) == 1 else hold * rng.uniform(0.5, 1.5)))
     return np.round(np.array(t) / STEP) * STEP, np.array(u)  # what is simulated has steps, too

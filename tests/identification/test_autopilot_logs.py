@@ -192,7 +192,7 @@ def test_stretches_keep_what_is_known():
     kept = (t < 33) | (t > 40)
     found = stretches(t[kept], u[kept], [])
     np.testing.assert_allclose(found.used, [(9.1, 17.0), (29.1, 32.9), (40.1, 55.0)], atol=0.11)
-    assert "7.2 s without servo outputs" in found.said
+    assert "7.2 s without servo outputs" in found.text
     assert stretches(t, u, [(float("inf"), True)]).used == ()
 
 

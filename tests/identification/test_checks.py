@@ -232,8 +232,10 @@ def test_real_mistakes_of_the_tank_are_found():
     late = replace(first, t_command=first.t_command + 0.32)
     (found,) = [f for f in check_record(late, vehicle.model()) if f.severity == "error"]
     assert found.what == "clock"
-    told = re.search(r"time_offset: (-?[\d.]+)", found.fix)
-    assert told and float(told[1]) == pytest.approx(-0.32, abs=0.2), "readings are smoothed both ways, and at 6 Hz"
+    reported = re.search(r"time_offset: (-?[\d.]+)", found.fix)
+    assert reported and float(reported[1]) == pytest.approx(-0.32, abs=0.2), (
+        "readings are smoothed both ways, and at 6 Hz"
+    )
 
 
 def each_late(record, **late):
@@ -253,8 +255,8 @@ def test_a_signal_that_is_late_is_told_from_the_one_it_is_compared_with(late):
     found = [f for f in check_record(each_late(record, **late), model_of("bluerov2")) if f.severity == "error"]
     assert {f.where for f in found} == set(late), [str(f) for f in found]
     for f in found:
-        wanted = re.search(rf"signals\.{f.where}\.time_offset: (-?[\d.]+)", f.fix)
-        assert wanted and float(wanted[1]) == pytest.approx(-late[f.where], abs=0.1), str(f)
+        expected = re.search(rf"signals\.{f.where}\.time_offset: (-?[\d.]+)", f.fix)
+        assert expected and float(expected[1]) == pytest.approx(-late[f.where], abs=0.1), str(f)
 
 
 @pytest.mark.parametrize("late", [-1.0, 0.5, 1.0])
@@ -326,10 +328,10 @@ def test_the_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as stopped:
         rovtwin.cli.main()
-    said = json.loads(capsys.readouterr().out)
+    report = json.loads(capsys.readouterr().out)
     assert stopped.value.code == 1
-    assert said["usable"] is False
-    assert [f["what"] for f in said["records"][0]["findings"] if f["severity"] == "error"] == ["degrees"]
+    assert report["usable"] is False
+    assert [f["what"] for f in report["records"][0]["findings"] if f["severity"] == "error"] == ["degrees"]
 
 
 def spinning(turn, attitude_rate, gain=1.0):
@@ -426,8 +428,8 @@ def test_a_lag_of_one_axis_is_no_clock(monkeypatch):
 
 def test_thrusters_are_named_where_their_names_are_known():
     """Those of a vehicle are in its file's order, and nobody counts them."""
-    said = "commands of thrusters 1 and 2 are swapped, or thruster 3 pushes the other way"
-    finding = Finding("error", "swapped", "thrusters 1, 2", said, "")
+    message = "commands of thrusters 1 and 2 are swapped, or thruster 3 pushes the other way"
+    finding = Finding("error", "swapped", "thrusters 1, 2", message, "")
     named = finding.named(["port", "starboard", "aft"])
     assert named.where == "thrusters port, starboard"
     assert named.message == "commands of thrusters port and starboard are swapped, or thruster aft pushes the other way"

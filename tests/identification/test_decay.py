@@ -112,7 +112,7 @@ def test_a_negative_coefficient_is_taken_as_zero_and_said():
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (lambda t, x: (t, np.degrees(x)), "looks like degrees"),
         (lambda t, x: (t[::-1], x), "expected it to increase"),
@@ -122,8 +122,8 @@ def test_a_negative_coefficient_is_taken_as_zero_and_said():
         (lambda t, x: (t, x[:5]), "equal columns"),
     ],
 )
-def test_bad_input_is_named(spoil, said):
-    with pytest.raises(IdentificationError, match=said):
+def test_bad_input_is_named(spoil, message):
+    with pytest.raises(IdentificationError, match=message):
         fit_decay(*spoil(*release(0)))
 
 

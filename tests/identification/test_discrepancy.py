@@ -97,8 +97,8 @@ def test_a_duct_is_learned_as_thrust_in_sway_and_predicts_other_windows(of_a_duc
     learned = discrepancy_from(found, np.eye(6), "learned", 1.0)
     other = windows(duct, seed=1, noise=0.0)
     nu, tau = other.nu_r.mean(axis=1), other.tau.mean(axis=1)
-    told = jax.vmap(lambda v, f: discrepancy_wrench(learned, v, f, 1e6 * v))(nu, tau)
-    left = np.asarray(told)[:, 1] - other.missing[:, 1]
+    reported = jax.vmap(lambda v, f: discrepancy_wrench(learned, v, f, 1e6 * v))(nu, tau)
+    left = np.asarray(reported)[:, 1] - other.missing[:, 1]
     assert np.std(left) < 0.35 * np.std(other.missing[:, 1])
     # It knows where it knows: errors are within its own width nearly everywhere.
     variance = np.asarray(jax.vmap(lambda v, f: discrepancy_variance(learned, v, f))(nu, tau))[:, 1]

@@ -89,20 +89,20 @@ def test_information_is_that_of_finite_differences_of_the_plant(parameters, sens
     h = 1e-5
     J = np.stack([(readings(h * e) - readings(-h * e)) / (2 * h) for e in np.eye(n + 12)], axis=1)
     theta, states = J[:, :n], J[:, n:]
-    wanted = theta.T @ (theta - states @ np.linalg.lstsq(states, theta, rcond=None)[0])
-    assert found == pytest.approx(wanted, rel=2e-3, abs=2e-3 * np.abs(wanted).max())
+    expected = theta.T @ (theta - states @ np.linalg.lstsq(states, theta, rcond=None)[0])
+    assert found == pytest.approx(expected, rel=2e-3, abs=2e-3 * np.abs(expected).max())
 
 
 @pytest.mark.slow
 def test_what_is_not_excited_stays_as_unknown_as_before(vehicle, parameters, sensed):
     prior = default_prior(parameters, vehicle)
-    told = sensed()
-    after = np.sqrt(np.diag(told.covariance(prior, np.array([100.0, 0, 0]))) / np.diag(prior.covariance))
+    reported = sensed()
+    after = np.sqrt(np.diag(reported.covariance(prior, np.array([100.0, 0, 0]))) / np.diag(prior.covariance))
     by_name = dict(zip(parameters.names, after, strict=True))
     assert by_name["added_mass.surge"] < 0.5
     # Sway did not move: all that is learnt of it is what errors of one kind have in common.
     assert by_name["added_mass.sway"] > 0.8 and by_name["quadratic_damping.sway"] > 0.8
-    nothing = told.covariance(prior, np.array([0, 0, 1.0]))
+    nothing = reported.covariance(prior, np.array([0, 0, 1.0]))
     assert np.diag(nothing) == pytest.approx(np.diag(prior.covariance), rel=1e-3)
 
 
@@ -141,16 +141,16 @@ def drawn(count=6, n=3, seed=0):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_choice_is_nearly_the_best_of_all(seed):
-    prior, told = drawn(seed=seed)
-    order = choose_tests(prior, told, 120.0)
-    assert told.seconds[order].sum() <= 120.0
+    prior, reported = drawn(seed=seed)
+    order = choose_tests(prior, reported, 120.0)
+    assert reported.seconds[order].sum() <= 120.0
 
     def value(some):
-        return spread(prior, told, np.bincount(some, minlength=6).astype(float))
+        return spread(prior, reported, np.bincount(some, minlength=6).astype(float))
 
     everything = [
         some for k in range(1, 7) for some in combinations_with_replacement(range(6), k)
-        if told.seconds[list(some)].sum() <= 120.0
+        if reported.seconds[list(some)].sum() <= 120.0
     ]  # fmt: skip
     best = min(value(np.array(some)) for some in everything)
     assert value(np.array(order)) <= best + 0.05, "5 % of a variance"
@@ -158,8 +158,8 @@ def test_the_choice_is_nearly_the_best_of_all(seed):
 
 def test_each_further_manoeuvre_makes_no_parameter_less_known(vehicle):
     parameters = chosen(vehicle, "added_mass.surge", "added_mass.sway", "added_mass.heave")
-    prior, told = drawn()
-    seen = expected(parameters, prior, told, choose_tests(prior, told, 200.0))
+    prior, reported = drawn()
+    seen = expected(parameters, prior, reported, choose_tests(prior, reported, 200.0))
     assert np.all(np.diff(seen.path, axis=0) <= 1e-12)
     left = [share for _, share in seen.each_minute()]
     assert len(left) == 3 and left == sorted(left, reverse=True) and left[0] < 1.0
@@ -167,9 +167,9 @@ def test_each_further_manoeuvre_makes_no_parameter_less_known(vehicle):
 
 
 def test_mistakes_are_said(sensed):
-    prior, told = drawn()
+    prior, reported = drawn()
     with pytest.raises(IdentificationError, match=r"found 0.167 minutes, expected at least 0.3"):
-        choose_tests(prior, told, 10.0)
+        choose_tests(prior, reported, 10.0)
     parameters, tests, paths, seconds = sensed.args
     silent = {name: replace(signal, sigma=None) for name, signal in tests[0][0].signals.items()}
     with pytest.raises(IdentificationError, match="noise of every sensor"):

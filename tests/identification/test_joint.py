@@ -259,8 +259,8 @@ def test_what_rests_on_the_scale_is_told(found):
     records = [replace(r, scale_std=0.005) for r in found.problem.segments.records]
     assert about_scale(found.parameters, records, solution, response) == []
     response[0] = 3.0 * found.std[0]
-    (said,) = about_scale(found.parameters, records, with_scale(solution, response), response)
-    assert "known to 0.5 %" in said and found.parameters.names[0] in said and found.parameters.names[1] not in said
+    (text,) = about_scale(found.parameters, records, with_scale(solution, response), response)
+    assert "known to 0.5 %" in text and found.parameters.names[0] in text and found.parameters.names[1] not in text
 
 
 def test_records_of_another_vehicle_are_refused(vehicle, found):
@@ -337,10 +337,10 @@ def test_a_test_of_three_segments_is_not_divided(found):
     shooting.segments = segments
     short = Problem(shooting, found.prior)
     assert short.segments.count == 3 and stretches(short, short.guess) == []
-    said = about_solution(
+    text = about_solution(
         found.parameters, found.prior, replace(found.solution, stretches=0), found.residuals, [], [], [], False
     )
-    assert any("too short to be divided" in finding for finding in said)
+    assert any("too short to be divided" in finding for finding in text)
 
 
 @pytest.mark.slow

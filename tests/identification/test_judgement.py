@@ -42,7 +42,7 @@ from rovtwin.vehicle.description.identified import fingerprint
 
 
 @pytest.mark.parametrize(
-    ("names", "weights", "information", "said"),
+    ("names", "weights", "information", "message"),
     [
         (("linear_damping.surge", "quadratic_damping.surge"), [1.0, -0.8], 0.0, "only their sum"),
         (("linear_damping_astern.sway", "quadratic_damping_astern.sway"), [1.0, -0.8], 0.0, "only their sum"),
@@ -65,8 +65,8 @@ from rovtwin.vehicle.description.identified import fingerprint
         (("added_mass.yaw",), [1.0], 0.8, "say less of it than was known before"),
     ],
 )
-def test_blind_directions_are_named_for_what_they_are(names, weights, information, said):
-    assert said in _in_words(names, np.array(weights), information)
+def test_blind_directions_are_named_for_what_they_are(names, weights, information, message):
+    assert message in _in_words(names, np.array(weights), information)
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +86,8 @@ def test_the_tether_drag_of_an_old_file_is_kept(old):
 
 
 def test_what_somebody_states_counts_more_than_an_old_file(old):
-    said = {"added_mass.surge": {"value": 60.0, "factor": 1.01}}
-    found = identify(old, [], old=old, prior=said)
+    text = {"added_mass.surge": {"value": 60.0, "factor": 1.01}}
+    found = identify(old, [], old=old, prior=text)
     low, high = found.interval("added_mass.surge")
     assert 58.0 < low < 60.0 < high < 62.0
     assert identify(old, [], old=old).values["added_mass.surge"] == pytest.approx(31.3, rel=1e-3)
@@ -121,12 +121,12 @@ def test_meshes_travel_with_the_file(old, tmp_path):
     (tmp_path / "garage" / "new.yaml").write_text(to_yaml(new, "a text editor"))
     (tmp_path / "out").mkdir()
     words = [tmp_path / "garage" / "new.yaml", "--prior", tmp_path / "old.yaml", "-o", tmp_path / "out" / "found.yaml"]
-    said = CliRunner().invoke(app, ["identify", *map(str, words)])
-    assert said.exit_code == 0, said.output
+    result = CliRunner().invoke(app, ["identify", *map(str, words)])
+    assert result.exit_code == 0, result.output
     moved = (tmp_path / "out").rename(tmp_path / "elsewhere")
     assert str(tmp_path) not in (moved / "found.yaml").read_text()
     assert load_vehicle(moved / "found.yaml").file.parts[-1].visuals[0].mesh == str(moved / "found/meshes/sonar.stl")
-    assert f"result: {tmp_path / 'out' / 'found.nc'}" in said.output.replace("\n", "")
+    assert f"result: {tmp_path / 'out' / 'found.nc'}" in result.output.replace("\n", "")
     assert str(tmp_path).encode() not in (moved / "found.nc").read_bytes()
     held = Identification.load(moved / "found.nc").vehicle
     assert fingerprint(held.file) == fingerprint(load_vehicle(moved / "found.yaml").file)
@@ -153,13 +153,17 @@ def identify_command(folder, *more):
 
 
 def test_what_is_not_to_be_relied_on_is_no_prior_unless_asked_for(doubtful):
-    said = identify_command(doubtful)
-    assert isinstance(said.exception, IdentificationError) and not (doubtful / "out.yaml").exists()
-    assert "kept.yaml: found an identification that is not to be relied on" in str(said.exception)
-    assert "--keep" in str(said.exception)
+    text = identify_command(doubtful)
+    assert isinstance(text.exception, IdentificationError) and not (doubtful / "out.yaml").exists()
+    assert "kept.yaml: found an identification that is not to be relied on" in str(text.exception)
+    assert "--keep" in str(text.exception)
     kept = identify_command(doubtful, "--keep")
-    told = " ".join(kept.output.split())
-    assert kept.exit_code == 1 and "Not to be relied on: 0 of " in told and "Against it: its prior kept.yaml" in told
+    reported = " ".join(kept.output.split())
+    assert (
+        kept.exit_code == 1
+        and "Not to be relied on: 0 of " in reported
+        and "Against it: its prior kept.yaml" in reported
+    )
     assert load_vehicle(doubtful / "out.yaml").doubts == [f"its prior kept.yaml: {DOUBT}"]
 
 
@@ -169,10 +173,10 @@ def test_a_result_that_is_not_to_be_relied_on_is_written_with_keep_only(old, tmp
     assert identify_command(tmp_path).exit_code == 0
     (tmp_path / "out.yaml").unlink()
     monkeypatch.setattr("rovtwin.identification.identify.doubts_of_prior", lambda old: [DOUBT])
-    said = identify_command(tmp_path, "--json")
-    assert said.exit_code == 1 and not (tmp_path / "out.yaml").exists()
-    told = json.loads(said.stdout)
-    assert (told["reliable"], told["doubts"], told["file"]) == (False, [DOUBT], None)
+    text = identify_command(tmp_path, "--json")
+    assert text.exit_code == 1 and not (tmp_path / "out.yaml").exists()
+    data = json.loads(text.stdout)
+    assert (data["reliable"], data["doubts"], data["file"]) == (False, [DOUBT], None)
     assert Identification.load(tmp_path / "out.doubtful.nc").doubts == [DOUBT], "to look into, as the report"
     assert identify_command(tmp_path, "--keep").exit_code == 1
     assert load_vehicle(tmp_path / "out.yaml").doubts == [DOUBT]
@@ -182,8 +186,8 @@ def test_the_result_replaces_no_file_of_another_kind(old, tmp_path):
     (tmp_path / "kept.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
     (tmp_path / "new.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
     (tmp_path / "out.nc").write_bytes(b"CDF of a log")
-    said = identify_command(tmp_path)
-    assert isinstance(said.exception, IdentificationError) and "choose another name with -o" in str(said.exception)
+    text = identify_command(tmp_path)
+    assert isinstance(text.exception, IdentificationError) and "choose another name with -o" in str(text.exception)
     assert (tmp_path / "out.nc").read_bytes() == b"CDF of a log" and not (tmp_path / "out.yaml").exists()
 
 
@@ -242,8 +246,8 @@ def test_widths_below_what_any_model_is_right_to_are_named():
     assert about_narrow(parameters, np.diag(wide**2)) == []
     wide[parameters.names.index("added_mass.sway")] = 2e-4
     wide[parameters.names.index("added_mass.sway_yaw")] = 1e-4
-    (said,) = about_narrow(parameters, np.diag(wide**2))
-    assert said.startswith("added_mass.sway_yaw, added_mass.sway: known to better than 0.3 %")
+    (text,) = about_narrow(parameters, np.diag(wide**2))
+    assert text.startswith("added_mass.sway_yaw, added_mass.sway: known to better than 0.3 %")
 
 
 def test_only_what_thrusters_pushed_along_is_excited():
@@ -273,11 +277,11 @@ def surge():
 
 def test_what_lies_outside_the_prior_is_named_with_both_values(surge):
     parameters, prior, theta, C = surge
-    (said,) = about_prior(parameters, prior, theta, C)
+    (text,) = about_prior(parameters, prior, theta, C)
     base = parameters.free[0].base
-    assert f"added_mass.surge {base * np.exp(1.2):.3g} kg (" in said
-    assert f"against {base:.3g} kg ({base * np.exp(-0.784):.3g} to {base * np.exp(0.784):.3g})" in said
-    assert "added_mass.sway" in said and "yaw" not in said
+    assert f"added_mass.surge {base * np.exp(1.2):.3g} kg (" in text
+    assert f"against {base:.3g} kg ({base * np.exp(-0.784):.3g} to {base * np.exp(0.784):.3g})" in text
+    assert "added_mass.sway" in text and "yaw" not in text
     assert about_prior(parameters, prior, 0.5 * theta, C) == []
 
 
@@ -285,8 +289,8 @@ def test_an_interval_that_reaches_back_to_the_prior_contradicts_nothing(surge):
     parameters, prior, theta, C = surge
     wide = C.copy()
     wide[1, 1] = 0.5**2
-    (said,) = about_prior(parameters, prior, theta, wide)
-    assert "added_mass.surge" in said and "added_mass.sway" not in said
+    (text,) = about_prior(parameters, prior, theta, wide)
+    assert "added_mass.surge" in text and "added_mass.sway" not in text
 
 
 def test_thrusters_taken_as_alike_are_named_where_the_model_lacks_something():
@@ -294,8 +298,8 @@ def test_thrusters_taken_as_alike_are_named_where_the_model_lacks_something():
     parameters = choose(catalogue(vehicle), ["thrusters.*.force_ahead", "added_mass.surge"])
     white, coloured = ({"gyro[0]": SimpleNamespace(inflation=inflation)} for inflation in (1.2, 8.0))
     assert about_alike(parameters, vehicle.thruster_names, white) == []
-    (said,) = about_alike(parameters, vehicle.thruster_names, coloured)
-    assert "surge: port.surge, starboard.surge" in said and "rovtwin watch" in said and "options.groups" in said
+    (text,) = about_alike(parameters, vehicle.thruster_names, coloured)
+    assert "surge: port.surge, starboard.surge" in text and "rovtwin watch" in text and "options.groups" in text
     alone = choose(catalogue(vehicle), ["added_mass.surge"])
     assert about_alike(alone, vehicle.thruster_names, coloured) == []
 
@@ -320,13 +324,13 @@ def test_a_dead_band_that_nobody_stated_may_be_none(stated):
     prior, theta, C = Gaussian(np.zeros(n), np.eye(n)), np.zeros(n), 0.01 * np.eye(n)
     theta[i] = -7.0
     allowed = no_dead_band(parameters, prior, theta)
-    said, against = about_dead_bands(parameters, prior, theta, C), contradicted(prior, theta, C, None, allowed)
+    text, against = about_dead_bands(parameters, prior, theta, C), contradicted(prior, theta, C, None, allowed)
     if stated:
-        assert allowed == [] and said == [] and against == {i} and about_prior(parameters, prior, theta, C)
+        assert allowed == [] and text == [] and against == {i} and about_prior(parameters, prior, theta, C)
         return
     assert allowed == [i] and against == set() and about_prior(parameters, prior, theta, C) == []
     below = f"{parameters.names[i]} below {0.01 * np.exp(-7.0 + 0.196):.2g}"
-    assert said == [f"no dead band was seen (95 %; the vehicle file states none): {below}"]
+    assert text == [f"no dead band was seen (95 %; the vehicle file states none): {below}"]
     theta[i] = 7.0
     assert no_dead_band(parameters, prior, theta) == [] and contradicted(prior, theta, C, None) == {i}
 
@@ -356,8 +360,8 @@ def test_logs_that_disagree_by_themselves_contradict_each_other(surge):
     theta[1, 2] = 0.6
     apart = Apart(("run_1", "run_2"), theta, np.full((2, n), 0.1), np.full((2, 2, n), 0.14))
     assert contradicted(prior, np.zeros(n), C, apart) == {2}
-    (said,) = about_logs_apart(parameters, apart)
-    assert parameters.names[2] in said and "by run_1" in said and "by run_2" in said
+    (text,) = about_logs_apart(parameters, apart)
+    assert parameters.names[2] in text and "by run_1" in text and "by run_2" in text
     assert about_logs_apart(parameters, replace(apart, theta=0.3 * theta)) == []
 
 
@@ -367,8 +371,8 @@ def test_equal_thrusters_that_come_out_unequal_are_named():
     parameters = choose(catalogue(vehicle, groups), ["thrusters.rear.force_ahead", "thrusters.up.force_ahead"])
     t = parameters.model.thrusters
     assert float(t.force_ahead[0]) == float(t.force_ahead[4]), "of one kind in this vehicle"
-    (said,) = about_equal_thrusters(parameters, np.log([0.8, 0.36]), 1e-4 * np.eye(2))
-    assert "1 : 0.8 : 0.36 (front as in the file, rear, up; force ahead" in said
+    (text,) = about_equal_thrusters(parameters, np.log([0.8, 0.36]), 1e-4 * np.eye(2))
+    assert "1 : 0.8 : 0.36 (front as in the file, rear, up; force ahead" in text
     assert about_equal_thrusters(parameters, np.log([0.8, 0.36]), np.eye(2)) == [], "nobody knows them that well"
     assert about_equal_thrusters(parameters, np.log([0.95, 1.05]), 1e-4 * np.eye(2)) == []
 
@@ -376,15 +380,15 @@ def test_equal_thrusters_that_come_out_unequal_are_named():
 def test_values_that_no_vehicle_has_are_named():
     vehicle = load_vehicle("double_blueye")
     everything = catalogue(vehicle)
-    wanted = {"added_mass.surge": 500.0, "thrusters.surge.exponent": 5.0}
-    parameters = choose(everything, wanted)
-    (said,) = about_odd_values(parameters, parameters.thetas(wanted), {})
-    assert "added mass in surge is" in said and "times the displaced mass" in said
-    assert "thrusters.surge.exponent is 5" in said
+    expected = {"added_mass.surge": 500.0, "thrusters.surge.exponent": 5.0}
+    parameters = choose(everything, expected)
+    (text,) = about_odd_values(parameters, parameters.thetas(expected), {})
+    assert "added mass in surge is" in text and "times the displaced mass" in text
+    assert "thrusters.surge.exponent is 5" in text
     assert about_odd_values(everything, np.zeros(len(everything)), {"surge": (-0.2, 0.3)}) == []
     pushing = replace(parameters, model=parameters.model.replace(linear_damping_ahead=-np.eye(6)))
-    (said,) = about_odd_values(pushing, pushing.thetas({}), {"yaw": (-0.1, 0.001)})
-    assert "damping in yaw is negative at 0.001 rad/s" in said
+    (text,) = about_odd_values(pushing, pushing.thetas({}), {"yaw": (-0.1, 0.001)})
+    assert "damping in yaw is negative at 0.001 rad/s" in text
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -407,11 +411,11 @@ def test_forces_at_a_common_factor_put_the_gain_of_the_commands_in_doubt(forces)
     parameters, prior = forces
     driven = fly("bluerov2_heavy", "multisine", 3)
     halved = replace(driven, command=0.5 * driven.command)
-    (said,) = about_gain(parameters, prior, out_at(parameters, horizontal=2.6, vertical=1.8), [halved])
-    assert "forces of all thrusters came out at 2.2 times" in said and "horizontal 2.6, vertical 1.8" in said
-    assert "best with commands 2 times as large" in said
+    (text,) = about_gain(parameters, prior, out_at(parameters, horizontal=2.6, vertical=1.8), [halved])
+    assert "forces of all thrusters came out at 2.2 times" in text and "horizontal 2.6, vertical 1.8" in text
+    assert "best with commands 2 times as large" in text
     for check in ("'mix'", "PWM", "battery"):
-        assert check in said
+        assert check in text
     (less,) = about_gain(parameters, prior, out_at(parameters, horizontal=0.5, vertical=0.55), [driven])
     assert "0.52 times what was known before" in less and "best as it is" in less
 

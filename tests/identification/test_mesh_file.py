@@ -122,9 +122,9 @@ def test_the_command_on_a_mesh(meshes, tmp_path, monkeypatch, capsys):
     picture, block = tmp_path / "p.png", tmp_path / "h.yaml"
     words = ("panel", meshes / "mm.stl", "--scale", 0.001, "--panel-size", "20cm", "--picture", picture, "-o", block)
     code, out, _ = run(monkeypatch, capsys, *words, "--json")
-    said = json.loads(out)
-    assert code == 0 and said["volume_m3"] == pytest.approx(np.prod(SIZE))
-    assert said["priors"]["added_mass.heave"]["median"] == pytest.approx(said["added_mass"][2][2])
+    report = json.loads(out)
+    assert code == 0 and report["volume_m3"] == pytest.approx(np.prod(SIZE))
+    assert report["priors"]["added_mass.heave"]["median"] == pytest.approx(report["added_mass"][2][2])
     assert picture.stat().st_size > 10_000 and block.read_text().startswith("hydrodynamics:")
 
 

@@ -72,17 +72,17 @@ def test_along_the_scale_of_forces_it_is_the_mean_and_not_the_maximum(pull, adde
     np.testing.assert_allclose(np.exp(theta[1:]), masses(theta[0]), rtol=1e-6)  # the same motion
 
 
-@pytest.mark.parametrize("told", [1.0, 1e4])
-def test_where_the_readings_tell_the_scale_nothing_moves_along_it(told):
+@pytest.mark.parametrize("reported", [1.0, 1e4])
+def test_where_the_readings_tell_the_scale_nothing_moves_along_it(reported):
     """The maximum is where the readings hold against the prior, not where the prior would have it."""
 
     def scaled(theta, s):
         return theta + s
 
     problem = problem_of(["thrusters.a.force_ahead", "thrusters.b.force_ahead"], np.zeros(2), np.eye(2), scaled, 1.0)
-    theta, covariance = moved_to_the_middle(problem, np.array([0.7, 0.4]), told * np.eye(2))
+    theta, covariance = moved_to_the_middle(problem, np.array([0.7, 0.4]), reported * np.eye(2))
     np.testing.assert_allclose(theta, [0.7, 0.4], atol=1e-9)
-    np.testing.assert_allclose(covariance, np.diag([1 / (told + 2), 1 / (told + 1)]))
+    np.testing.assert_allclose(covariance, np.diag([1 / (reported + 2), 1 / (reported + 1)]))
 
 
 @pytest.mark.parametrize("measured", [0.1, 0.5, 1.0, 1.5])
@@ -100,8 +100,8 @@ def test_a_damping_that_is_hardly_seen_is_taken_at_its_mean(measured, noise):
     names = ["thrusters.surge.force_ahead", "linear_damping_astern.surge"]
     information = np.diag([1.0, width**-2.0])
     problem = problem_of(names, np.zeros(2), information, lambda theta, s: theta + s, 0.0)
-    told = np.diag([1e6, np.exp(2 * top) / noise**2])
-    found, covariance = moved_to_the_middle(problem, np.array([0.0, top]), told)
+    reported = np.diag([1e6, np.exp(2 * top) / noise**2])
+    found, covariance = moved_to_the_middle(problem, np.array([0.0, top]), reported)
     assert found[1] == pytest.approx(exact[0], abs=1e-3)
     assert np.sqrt(covariance[1, 1]) == pytest.approx(exact[1], rel=1e-3)
 
@@ -130,8 +130,8 @@ def test_two_dampings_of_one_direction_come_nearer_to_their_means():
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)[1:]), std, rtol=0.25)
 
 
-@pytest.mark.parametrize(("unsure", "told", "seen"), [(1.0, 40.0, 0.0), (1.0, 0.05, 0.0), (0.8, 400.0, 0.5)])
-def test_a_coupling_has_the_interval_of_its_skewed_posterior(unsure, told, seen):
+@pytest.mark.parametrize(("unsure", "reported", "seen"), [(1.0, 40.0, 0.0), (1.0, 0.05, 0.0), (0.8, 400.0, 0.5)])
+def test_a_coupling_has_the_interval_of_its_skewed_posterior(unsure, reported, seen):
     """The readings tell D_ji = share sqrt(D_ii), with D_ii unsure: against the posterior on a grid.
 
     The method does not count that a small damping leaves its couplings more room: a fifth too narrow at most here, less
@@ -142,7 +142,7 @@ def test_a_coupling_has_the_interval_of_its_skewed_posterior(unsure, told, seen)
         return theta + jnp.array([s, 0.0])
 
     x, c = np.meshgrid(np.linspace(-5, 5, 801) * unsure, np.linspace(-4, 4, 1601), indexing="ij")
-    log_p = -0.5 * (x / unsure) ** 2 - 0.5 * c**2 - 0.5 * told * (c * np.exp(0.5 * x) - seen) ** 2
+    log_p = -0.5 * (x / unsure) ** 2 - 0.5 * c**2 - 0.5 * reported * (c * np.exp(0.5 * x) - seen) ** 2
     p = np.exp(log_p - log_p.max())
     share = p.sum(axis=0) / p.sum()
     mean, below = float(share @ c[0]), np.cumsum(share)
@@ -153,10 +153,10 @@ def test_a_coupling_has_the_interval_of_its_skewed_posterior(unsure, told, seen)
     J = np.exp(0.5 * maximum[0]) * np.array([0.5 * maximum[1], 1.0])
     names = ["linear_damping_astern.surge", "linear_damping_astern.surge_pitch"]
     problem = problem_of(names, np.zeros(2), np.diag([unsure**-2.0, 1.0]), scaled, 0.0)
-    readings = told * np.outer(J, J)
+    readings = reported * np.outer(J, J)
     theta, covariance = moved_to_the_middle(problem, maximum, readings)
     std, by_curvature = np.sqrt(covariance[1, 1]), np.sqrt(np.linalg.inv(readings + problem.information)[1, 1])
     assert 1.96 * std == pytest.approx(max(high - mean, mean - low), rel=0.2)
-    assert 1.96 * std > 1.2 * 1.96 * by_curvature or told < 1.0
+    assert 1.96 * std > 1.2 * 1.96 * by_curvature or reported < 1.0
     assert theta[1] == pytest.approx(mean, abs=0.3 * std)
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)

@@ -38,17 +38,17 @@ def test_a_thrust_on_its_bound_is_said():
 
 
 def test_a_seed_gives_the_same_result_and_progress_is_told():
-    told = []
+    reports = []
     one, two = (
-        fit_nsga(record("position"), (0, 200), (8, 8), generations=8, seed=3, progress=lambda *a: told.append(a))
+        fit_nsga(record("position"), (0, 200), (8, 8), generations=8, seed=3, progress=lambda *a: reports.append(a))
         for _ in range(2)
     )
-    assert one.added_mass == two.added_mass and told == [(i, 8) for i in range(1, 9)] * 2
+    assert one.added_mass == two.added_mass and reports == [(i, 8) for i in range(1, 9)] * 2
 
 
 @pytest.mark.parametrize(
-    ("bounds", "said"), [(((5.0, 1.0), (8, 8)), "lowest first"), (((-40.0, 1.0), (8, 8)), "not positive")]
+    ("bounds", "message"), [(((5.0, 1.0), (8, 8)), "lowest first"), (((-40.0, 1.0), (8, 8)), "not positive")]
 )
-def test_bad_bounds_are_named(bounds, said):
-    with pytest.raises(IdentificationError, match=said):
+def test_bad_bounds_are_named(bounds, message):
+    with pytest.raises(IdentificationError, match=message):
         fit_nsga(record("position"), *bounds)

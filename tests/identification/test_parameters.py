@@ -97,16 +97,16 @@ def test_tables_scale_ahead_and_astern_apart():
 
 
 @pytest.mark.parametrize(
-    ("patterns", "said"),
+    ("patterns", "message"),
     [(["added_mas.surge"], "Did you mean 'added_mass.surge'"), (["thrusters.main.*"], "is no parameter")],
 )
-def test_a_pattern_that_fits_nothing_is_named(everything, patterns, said):
-    with pytest.raises(IdentificationError, match=said):
+def test_a_pattern_that_fits_nothing_is_named(everything, patterns, message):
+    with pytest.raises(IdentificationError, match=message):
         choose(everything, patterns)
 
 
 @pytest.mark.parametrize(
-    ("prior", "said"),
+    ("prior", "message"),
     [
         ({"added_mass.serge": {"factor": 2}}, "fits no free parameter"),
         ({"added_mass.surge": 3}, "expected {factor: 2}"),
@@ -116,8 +116,8 @@ def test_a_pattern_that_fits_nothing_is_named(everything, patterns, said):
         ({"added_mass.surge": {"value": -4.0}}, "expected more than 0"),
     ],
 )
-def test_a_prior_that_makes_no_sense_is_named(vehicle, everything, prior, said):
-    with pytest.raises(IdentificationError, match=said):
+def test_a_prior_that_makes_no_sense_is_named(vehicle, everything, prior, message):
+    with pytest.raises(IdentificationError, match=message):
         default_prior(everything, vehicle, prior)
 
 
@@ -148,7 +148,7 @@ def test_a_towing_table_is_the_damping_force(everything):
 
 
 @pytest.mark.parametrize(
-    ("anchor", "said"),
+    ("anchor", "message"),
     [
         ({}, "expected one of bollard, towing"),
         ({"bollard": {"direction": "pitch", "force": 1.0, "sd": 0.1}}, "no thruster pushes in pitch"),
@@ -158,8 +158,8 @@ def test_a_towing_table_is_the_damping_force(everything):
         ({"bolard": {}}, "no such key"),
     ],
 )
-def test_an_anchor_that_makes_no_sense_is_named(everything, anchor, said):
-    with pytest.raises(Exception, match=said):
+def test_an_anchor_that_makes_no_sense_is_named(everything, anchor, message):
+    with pytest.raises(Exception, match=message):
         static_evidence(everything, [anchor])
 
 
@@ -233,11 +233,11 @@ def test_damping_takes_energy_whatever_its_couplings(everything, alike):
         names = [p.name for p in parameters.free if "damping" in p.name and place_of(p.name)]
         assert len(names) == count
         for _ in range(5):
-            wanted = {n: 0.99 * bound_of(n) * sign for n, sign in zip(names, rng.choice([-1, 1], count), strict=True)}
-            model = parameters.model_at(parameters.thetas(wanted))[0]
+            expected = {n: 0.99 * bound_of(n) * sign for n, sign in zip(names, rng.choice([-1, 1], count), strict=True)}
+            model = parameters.model_at(parameters.thetas(expected))[0]
             if parameters is everything:
                 found = shares(model)
-                assert {n: found[n] for n in names} == pytest.approx(wanted)
+                assert {n: found[n] for n in names} == pytest.approx(expected)
             assert np.all(coupling_powers(model) > 0)
 
 
@@ -267,12 +267,12 @@ def test_a_coupling_beyond_its_bound_is_named(everything):
 
 def test_astern_couplings_move_the_astern_side_alone(everything, alike):
     """And the couplings ahead move both, as far as astern has none of its own."""
-    wanted = {"quadratic_damping.surge_pitch": 0.1, "quadratic_damping_astern.surge_pitch": -0.05}
-    wanted |= {"linear_damping.surge_pitch": 0.02, "linear_damping_astern.surge_pitch": -0.03}
-    both = everything.model_at(everything.thetas(wanted))[0]
+    expected = {"quadratic_damping.surge_pitch": 0.1, "quadratic_damping_astern.surge_pitch": -0.05}
+    expected |= {"linear_damping.surge_pitch": 0.02, "linear_damping_astern.surge_pitch": -0.03}
+    both = everything.model_at(everything.thetas(expected))[0]
     found = shares(both)
-    assert {n: found[n] for n in wanted} == pytest.approx(wanted)
-    ahead = alike.model_at(alike.thetas(wanted))[0]
+    assert {n: found[n] for n in expected} == pytest.approx(expected)
+    ahead = alike.model_at(alike.thetas(expected))[0]
     np.testing.assert_allclose(ahead.quadratic_damping_ahead, both.quadratic_damping_ahead)
     np.testing.assert_allclose(ahead.linear_damping_ahead, both.linear_damping_ahead)
     levers = [

@@ -190,17 +190,17 @@ SKID = {"name": "skid", "mass": 5.0, "shape": {"box": [0.5, 0.4, 0.1]}, "pose": 
 
 
 @pytest.mark.parametrize(
-    "said", [{"restoring": {"net_buoyancy": -2.0}}, {"hydrodynamics": {"added_mass": [1, 2, 3, 0.1, 0.1, 0.1]}}, {}]
+    "message", [{"restoring": {"net_buoyancy": -2.0}}, {"hydrodynamics": {"added_mass": [1, 2, 3, 0.1, 0.1, 0.1]}}, {}]
 )
-def test_what_a_device_publishes_of_itself_is_predicted(said):
+def test_what_a_device_publishes_of_itself_is_predicted(message):
     """Its totals were left out, and it counted by its shape: +147 N of net buoyancy for -2, 98 kg in heave for 48."""
-    skid = {key: value for key, value in SKID.items() if key != "mass"} | {"rigid_body": {"mass": 5.0}} | said
-    for one in (skid, SKID | said):
+    skid = {key: value for key, value in SKID.items() if key != "mass"} | {"rigid_body": {"mass": 5.0}} | message
+    for one in (skid, SKID | message):
         change = predicted_change(load_vehicle("double_blueye"), nested("double_blueye", one))
         same(change.model, nested("double_blueye", one).model())
         flat_too = predicted_change(load_vehicle("double_blueye"), flat("double_blueye", one))
         same(change.model, flat_too.model)
-    if "restoring" in said:
+    if "restoring" in message:
         assert float(change.model.buoyancy - change.model.weight) == pytest.approx(-2.0)
     assert float(change.model.weight) == pytest.approx(35 * GRAVITY)
 

@@ -149,13 +149,13 @@ def test_npz_with_a_time_array_for_each_signal(tmp_path, vehicle, command, named
     t_rate = T + 0.03
     arrays = {"thrusters": command, named.format("thrusters"): T, "gyro": RATE, named.format("gyro"): t_rate}
     np.savez(tmp_path / "run.npz", depth=PLACE[:, 2], **{named.format("depth"): T}, **arrays)
-    told = (lambda name: {"time": named.format(name)}) if named == "other_{}" else lambda name: {}
+    reported = (lambda name: {"time": named.format(name)}) if named == "other_{}" else lambda name: {}
     given = spec(
         file="run.npz",
-        commands={"from": "thrusters", "columns": list(range(6))} | told("thrusters"),
+        commands={"from": "thrusters", "columns": list(range(6))} | reported("thrusters"),
         signals={
-            "gyro": {"from": "gyro", "columns": [0, 1, 2]} | told("gyro"),
-            "depth": {"from": "depth", "columns": [0]} | told("depth"),
+            "gyro": {"from": "gyro", "columns": [0, 1, 2]} | reported("gyro"),
+            "depth": {"from": "depth", "columns": [0]} | reported("depth"),
         },
     )
     record = read_record(tmp_path / "run.npz", vehicle, given)
@@ -206,9 +206,9 @@ def test_no_commands_lists_what_is_there_and_what_may_be_some(tmp_path, vehicle,
     given = spec(file="run.npz", signals={"gyro": {"from": "imu", "columns": [1, 2, 3]}})
     with pytest.raises(IdentificationError) as refused:
         read_record(tmp_path / "run.npz", vehicle, given)
-    said = str(refused.value)
-    assert "found no commands" in said and "Perhaps 'rovio_thrusters'" in said
-    assert "rovio_thrusters (40 rows, 7 columns)" in said and "imu (40 rows, 4 columns)" in said
+    text = str(refused.value)
+    assert "found no commands" in text and "Perhaps 'rovio_thrusters'" in text
+    assert "rovio_thrusters (40 rows, 7 columns)" in text and "imu (40 rows, 4 columns)" in text
     columns = {"time": T, "motor1": T, "p": T, "q": T, "r": T}
     with pytest.raises(
         IdentificationError, match=r"Perhaps 'motor1'.*run \(40 rows, 5 columns: time, motor1, p, q, r\)"

@@ -25,8 +25,8 @@ def identified(example: str) -> Identification:
     vehicle = load_vehicle(evidence.vehicle)
     tests = read_tests(evidence, vehicle)
     fit, held_out = ([t.record for t in tests if t.use == use] for use in ("fit", "validate"))
-    said = evidence.file
-    return identify(vehicle, fit, validate=held_out, free=said.free, prior=said.prior, options=said.options)
+    text = evidence.file
+    return identify(vehicle, fit, validate=held_out, free=text.free, prior=text.prior, options=text.options)
 
 
 @pytest.mark.parametrize("example", ["bluerov_liu", "bluerov2_heavy_tank"])
@@ -46,8 +46,8 @@ def test_the_shipped_evidence_names_parameters_that_there_are(example):
 def test_what_is_common_to_a_pattern_is_correlated_and_has_the_stated_width():
     vehicle = load_vehicle("bluerov2_heavy")
     free = choose(catalogue(vehicle), ["thrusters.horizontal.force_*", "added_mass.surge"])
-    said = {"thrusters.horizontal.force_*": {"factor": 1.5, "common": 0.9}}
-    covariance = default_prior(free, vehicle, said).covariance
+    text = {"thrusters.horizontal.force_*": {"factor": 1.5, "common": 0.9}}
+    covariance = default_prior(free, vehicle, text).covariance
     rows = [i for i, name in enumerate(free.names) if "force" in name]
     width = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(width[rows], np.log(1.5))

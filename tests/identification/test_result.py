@@ -141,14 +141,14 @@ def test_a_loaded_result_has_a_report(saved, tmp_path):
 def test_the_summary_is_what_the_file_says_in_the_parameters_units(found):
     table = found.summary()
     for row in found.file()["identified"]["estimate"]["parameters"]:
-        said = table.loc[row["name"]]
-        assert (said["unit"], said["verdict"]) == (row["unit"], row["verdict"])
-        assert said["estimate"] == pytest.approx(row["value"], rel=1e-7)
+        text = table.loc[row["name"]]
+        assert (text["unit"], text["verdict"]) == (row["unit"], row["verdict"])
+        assert text["estimate"] == pytest.approx(row["value"], rel=1e-7)
         p = next(p for p in found.parameters.free if p.name == row["name"])
-        assert said["sd"] == pytest.approx(row["std"] * p.slope(row["value"]), rel=1e-6)
-        assert said["prior_mean"] == pytest.approx(row["base"], rel=1e-7)
-        assert said["prior_sd"] == pytest.approx(row["prior_std"] * p.slope(row["base"]), rel=1e-6)
-        assert said["low_95"] < said["estimate"] < said["high_95"]
+        assert text["sd"] == pytest.approx(row["std"] * p.slope(row["value"]), rel=1e-6)
+        assert text["prior_mean"] == pytest.approx(row["base"], rel=1e-7)
+        assert text["prior_sd"] == pytest.approx(row["prior_std"] * p.slope(row["base"]), rel=1e-6)
+        assert text["low_95"] < text["estimate"] < text["high_95"]
     assert table.loc["added_mass.surge", "unit"] == "kg"
     known = found.summary(truth={"added_mass.surge": 31.0})["truth"]
     assert known["added_mass.surge"] == 31.0 and known.isna().sum() == len(table) - 1
@@ -247,7 +247,7 @@ def of_something_else(path):
 
 
 @pytest.mark.parametrize(
-    ("spoiled", "said"),
+    ("spoiled", "message"),
     [
         (Path.unlink, "found no such file, expected a saved identification"),
         (lambda path: path.write_text("name: rov"), "found no netCDF file, expected .* such as identified.nc"),
@@ -258,9 +258,9 @@ def of_something_else(path):
         (of_something_else, "found a netCDF file titled 'rovtwin log run.mcap' that is no identification"),
     ],
 )  # fmt: skip
-def test_a_bad_file_is_refused_in_words(saved, spoiled, said):
+def test_a_bad_file_is_refused_in_words(saved, spoiled, message):
     spoiled(saved)
-    with pytest.raises(IdentificationError, match=f"identified.nc: .*{said}" if "model" not in said else said):
+    with pytest.raises(IdentificationError, match=f"identified.nc: .*{message}" if "model" not in message else message):
         Identification.load(saved)
 
 

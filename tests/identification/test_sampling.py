@@ -28,11 +28,11 @@ def test_widths_of_what_was_learnt_are_those_of_the_posterior(found):
     learnt = np.array([v == "learnt" for v in found.verdicts])
     # 100 draws tell a standard deviation to 7 %; the sampler bounces off the edges of dead bands, hence divergences.
     assert drawn.divergences < 40
-    told = learnt & (drawn.effective > 50)
-    assert told.sum() > 20
-    assert np.median(drawn.ratio[told]) == pytest.approx(1.0, abs=0.25)
-    assert drawn.ratio[told].min() > 0.7 and drawn.ratio[told].max() < 1.45
-    assert np.abs(drawn.shift[told]).max() < 0.4
+    reported = learnt & (drawn.effective > 50)
+    assert reported.sum() > 20
+    assert np.median(drawn.ratio[reported]) == pytest.approx(1.0, abs=0.25)
+    assert drawn.ratio[reported].min() > 0.7 and drawn.ratio[reported].max() < 1.45
+    assert np.abs(drawn.shift[reported]).max() < 0.4
 
 
 @pytest.mark.slow

@@ -57,7 +57,7 @@ def test_nothing_is_said_inside_a_long_gap() -> None:
     t = t[(t < 10) | (t > 13)]
     track = smooth(t, 0.2 * t + rng.normal(0, 0.01, t.size))
     inside = np.array([10.5, 12.0, 12.9])
-    assert not track.believed(inside).any()
+    assert not track.trusted(inside).any()
     assert np.isnan(track.velocity(inside)).all() and np.isnan(track.velocity_std(inside)).all()
     assert len(track.spans) == 2
     assert track.spans[0][1] < 10 < 13 < track.spans[1][0]

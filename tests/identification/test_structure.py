@@ -114,13 +114,13 @@ def test_a_rung_that_ends_a_run_away_is_kept_and_one_that_begins_one_is_not():
     assert change_between({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): 0.0, (1, "p"): 0.1}) == (np.inf, 0.0)
     change, std = change_between({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1})
     assert change == pytest.approx(-0.05) and np.isfinite(std)
-    said = lines_about([Rung("quadratic", ("a",), -np.inf, 0.0, True), Rung("full", ("b",), np.inf, 0.0, False)])
-    assert "follow the motion where they ran away: kept" in said[0] and "run away: left" in said[1]
+    text = lines_about([Rung("quadratic", ("a",), -np.inf, 0.0, True), Rung("full", ("b",), np.inf, 0.0, False)])
+    assert "follow the motion where they ran away: kept" in text[0] and "run away: left" in text[1]
 
 
 def test_widths_are_those_of_the_percentage():
-    (said,) = lines_about([Rung("linear", ("a",), -3.0, 0.2, True)])
-    assert "-95.0 % +- 1.0: kept" in said
+    (text,) = lines_about([Rung("linear", ("a",), -3.0, 0.2, True)])
+    assert "-95.0 % +- 1.0: kept" in text
 
 
 FREE = ["added_mass.surge", "*_damping.surge", "thrusters.surge.force_*"]

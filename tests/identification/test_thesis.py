@@ -141,8 +141,8 @@ def test_the_command_prints_and_writes_a_report(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stopped:
         rovtwin.cli.main()
     assert stopped.value.code in (0, None)
-    told = json.loads(capsys.readouterr().out)
-    assert [s["key"] for s in told["sections"]][0] == "empirical"
+    data = json.loads(capsys.readouterr().out)
+    assert [s["key"] for s in data["sections"]][0] == "empirical"
     page = (tmp_path / "again" / "report.html").read_text()
     assert "49.82" in page and "Figure" in page
     assert (tmp_path / "again" / "figures" / "comparison.png").stat().st_size > 20_000

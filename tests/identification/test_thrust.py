@@ -142,7 +142,7 @@ def test_a_prior_from_bollard_tests():
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (lambda p: p * [1, -1], "against the command"),
         (lambda p: p[:, ::-1], "swap the columns"),
@@ -151,19 +151,19 @@ def test_a_prior_from_bollard_tests():
         (lambda p: p * [1, 0], "no curve"),
     ],
 )
-def test_bad_points_are_named(spoil, said):
-    with pytest.raises(IdentificationError, match=said):
+def test_bad_points_are_named(spoil, message):
+    with pytest.raises(IdentificationError, match=message):
         fit_bollard(spoil(bollard(0)))
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [("a,b\n1,x\n", "expected a command and a force"), ("0.1 0.2\n" * 6, "which column"), ("1 2\n", "5 or more")],
 )
-def test_bad_files_are_named(tmp_path, text, said):
+def test_bad_files_are_named(tmp_path, text, message):
     path = tmp_path / "thrust.txt"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         read_thrust(path)
 
 

@@ -114,9 +114,11 @@ def test_a_stroke_of_15_centimetres_is_called_out() -> None:
         tow(v, rng, ahead=(22.75, 1009.85), hold=0.15 / v - v / 0.3, ramp=0.3, noise=0.3, vibration=0.3) for v in speeds
     ]
     result = towing(short, shortest=1.0, across=(0.64, 0.95))
-    said = " ".join(result.notes)
-    assert "5 of 5" in said and "0.64 m" in said and "Keulegan-Carpenter" in said and "start-up flow" in said
-    assert "C_D is" in said
+    message = " ".join(result.notes)
+    assert (
+        "5 of 5" in message and "0.64 m" in message and "Keulegan-Carpenter" in message and "start-up flow" in message
+    )
+    assert "C_D is" in message
     assert all(0.12 < p.stroke < 0.17 for p in result.pulls)
     assert result.fit.force(np.array([0.05]))[0] == pytest.approx(3.66, rel=0.03), "fitted all the same, as it is"
 
@@ -146,10 +148,10 @@ def test_a_cutoff_without_sense_is_called_out(cutoff: float, rate: float, words:
     rng = np.random.default_rng(8)
     runs = [tow(v, rng, rate=rate, hold=8.0) for v in (0.2, 0.3, 0.4)]
     try:
-        said = " ".join(towing(runs, cutoff=cutoff).notes)
+        message = " ".join(towing(runs, cutoff=cutoff).notes)
     except IdentificationError as error:
-        said = str(error)
-    assert words in said
+        message = str(error)
+    assert words in message
 
 
 def test_the_lowpass_has_no_phase_and_halves_at_its_cutoff() -> None:
@@ -195,9 +197,9 @@ def test_files_read_back(tmp_path: Path) -> None:
 def test_bad_files_are_named(text: str, words: str, tmp_path: Path) -> None:
     path = tmp_path / "tow.csv"
     path.write_text(text)
-    with pytest.raises(IdentificationError, match=words) as said:
+    with pytest.raises(IdentificationError, match=words) as result:
         read_towing([path])
-    assert "tow.csv" in str(said.value)
+    assert "tow.csv" in str(result.value)
 
 
 @pytest.mark.parametrize("option", [{"cutoff": 0.0}, {"shortest": -1.0}, {"across": (0.3, 0.0)}])

@@ -52,19 +52,19 @@ def mounts_of(given, **others):
 
 def fed(vehicle, given, mounts, **how):
     """A monitor that has been given all of a flight, and what it said last."""
-    monitor, said = FlightMonitor(vehicle.model(), vehicle.thruster_names, mounts, DT), None
+    monitor, text = FlightMonitor(vehicle.model(), vehicle.thruster_names, mounts, DT), None
     monitor.warm()
     for second in range(29):
-        said = monitor.take(*ticks_of(given, second, second + 1, **how)) or said
+        text = monitor.take(*ticks_of(given, second, second + 1, **how)) or text
         while monitor._busy is not None and not monitor._busy.done():
             time.sleep(0.01)
     monitor.close()
-    return monitor, said
+    return monitor, text
 
 
 def test_it_says_what_the_whole_log_says(flown):
     vehicle, given = flown
-    monitor, said = fed(vehicle, given, mounts_of(given))
+    monitor, text = fed(vehicle, given, mounts_of(given))
     assert monitor.trouble == ""
     whole = Monitor(vehicle.model(), vehicle.thruster_names, levers_of(usable(given)), 300.0)
     whole.begin(np.array([0.0, 0.0, 1.0]), given.signals["attitude"].value[0])
@@ -76,7 +76,7 @@ def test_it_says_what_the_whole_log_says(flown):
         whole.second(jax.tree.map(lambda leaf, i=k * a_second: leaf[i : i + a_second], steps))
     expected = Quantities(vehicle.model(), vehicle.thruster_names, whole.factors).read(whole.found())
     assert len(monitor._monitor.blocks) == 2
-    for one, other in zip(said.readings, expected, strict=True):
+    for one, other in zip(text.readings, expected, strict=True):
         assert abs(one.value - other.value) < 0.1 * other.std, one.quantity.name
         assert one.std == pytest.approx(other.std, rel=0.02)
 

@@ -66,10 +66,10 @@ def test_what_has_changed_is_told_in_words_and_nothing_else():
     vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": -0.4})
     now = list(readings(vehicle, monitor).values())
     none = np.zeros(len(now))
-    told = changes(now, none, none)
-    assert [change.reading.quantity.name for change in told][:1] == ["thruster.front_port"]
-    assert "front_port against others -3" in str(told[0].difference)
-    assert any("look at front_port" in line for line in causes(told))
+    reported = changes(now, none, none)
+    assert [change.reading.quantity.name for change in reported][:1] == ["thruster.front_port"]
+    assert "front_port against others -3" in str(reported[0].difference)
+    assert any("look at front_port" in line for line in causes(reported))
     vehicle, _, monitor = run("bluerov2_heavy", {}, seed=1)
     assert changes(list(readings(vehicle, monitor).values()), none, none) == []
 
@@ -79,13 +79,13 @@ def test_a_thruster_that_hardly_pushes_is_named_and_nothing_else(log_factor):
     vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": log_factor}, seed=4)
     now = list(readings(vehicle, monitor).values())
     none = np.zeros(len(now))
-    told = [change for change in changes(now, none, none) if change.reading.quantity.group]
+    reports = [change for change in changes(now, none, none) if change.reading.quantity.group]
     if monitor.lost:  # dead: then all else is as it was
         assert [(one.name, one.since, one.left) for one in monitor.lost] == [("front_port", None, 0.0)]
-        assert log_factor < -3.0 and told == []
+        assert log_factor < -3.0 and reports == []
         return
-    assert [change.reading.quantity.name for change in told] == ["thruster.front_port"]
-    assert told[0].reading.value < -0.9
+    assert [change.reading.quantity.name for change in reports] == ["thruster.front_port"]
+    assert reports[0].reading.value < -0.9
 
 
 def test_top_speed_is_known_better_than_drag_or_force():

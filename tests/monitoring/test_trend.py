@@ -35,18 +35,18 @@ def test_scatter_between_runs_is_found():
 
 
 def test_an_unchanged_vehicle_is_left_in_peace():
-    rng, told = np.random.default_rng(2), 0
+    rng, reported = np.random.default_rng(2), 0
     for _ in range(500):
-        told += bool(changed_since(drawn(rng, 1)[0], baseline(drawn(rng, 3))))
-    assert told <= 12  # 1 % is what is allowed for; 12 of 500 by chance once in a hundred
+        reported += bool(changed_since(drawn(rng, 1)[0], baseline(drawn(rng, 3))))
+    assert reported <= 12  # 1 % is what is allowed for; 12 of 500 by chance once in a hundred
 
 
 @pytest.mark.parametrize(("runs", "allowed"), [(1, 0.05), (3, 0.05), (5, 0.04)])
 def test_nor_one_whose_runs_differ_by_more_than_they_say(runs, allowed):
     """Scatter as large as the surest quantity's own deviation."""
     rng = np.random.default_rng(5)
-    told = [bool(changed_since(drawn(rng, 1, 0.01)[0], baseline(drawn(rng, runs, 0.01)))) for _ in range(400)]
-    assert np.mean(told) <= allowed
+    reports = [bool(changed_since(drawn(rng, 1, 0.01)[0], baseline(drawn(rng, runs, 0.01)))) for _ in range(400)]
+    assert np.mean(reports) <= allowed
 
 
 def test_what_the_baseline_has_not_learnt_is_no_change():
@@ -57,23 +57,23 @@ def test_what_the_baseline_has_not_learnt_is_no_change():
     assert str(new.reading) == "drag 0 +65 ± 5 %"
     near = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.05, 0.03, 0.5)])
     assert first_learnt(near, baseline(wide)) == []
-    told = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.5, 0.03, 0.5)])
-    assert first_learnt(sure, baseline([told, wide[0]])) == [], "one of the runs before says the same"
+    reported = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.5, 0.03, 0.5)])
+    assert first_learnt(sure, baseline([reported, wide[0]])) == [], "one of the runs before says the same"
 
 
 def thrusters(**values):
     return [Reading(Quantity(f"thruster.{n}", n, "1", (0, 1)), v, 0.02, 0.3) for n, v in values.items()]
 
 
-def told_of(**values):
+def reported_of(**values):
     none = np.zeros(len(values))
     return {c.reading.quantity.words for c in changes(thrusters(**values), none, none)}
 
 
 def test_the_thruster_that_differs_is_told_and_not_the_others():
-    assert told_of(a=-0.3, b=0.1, c=0.1, d=0.1) == {"a"}  # weaker than the others
-    assert told_of(a=0.48, b=-0.16, c=-0.16, d=-0.16) == {"a"}  # repaired
-    assert told_of(a=-0.3, b=0.3) == {"a"}  # of two, the weaker one
+    assert reported_of(a=-0.3, b=0.1, c=0.1, d=0.1) == {"a"}  # weaker than the others
+    assert reported_of(a=0.48, b=-0.16, c=-0.16, d=-0.16) == {"a"}  # repaired
+    assert reported_of(a=-0.3, b=0.3) == {"a"}  # of two, the weaker one
 
 
 def test_a_change_is_told_with_its_size():
@@ -86,10 +86,10 @@ def test_a_change_is_told_with_its_size():
 
 
 def test_a_drift_is_told_and_noise_is_not():
-    rng, told = np.random.default_rng(4), 0
+    rng, reported = np.random.default_rng(4), 0
     for _ in range(300):
-        told += bool(drifts(drawn(rng, 6)))
-    assert told <= 9
+        reported += bool(drifts(drawn(rng, 6)))
+    assert reported <= 9
     slow = [run(np.array([0.03 * k, 0.0, 0.0, 0.0, 0.0]) + 0.3 * STD * rng.standard_normal(5)) for k in range(8)]
     (drift,) = drifts(slow)
     assert drift.reading.quantity.name == "drag.0" and abs(drift.slope - 0.03) < 0.01

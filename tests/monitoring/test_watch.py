@@ -31,9 +31,9 @@ watch = partial(run, command="watch")
 
 def test_what_has_changed_is_told_and_drawn(runs, monkeypatch, capsys, tmp_path):
     code, out, _ = watch(monkeypatch, capsys, runs / "before", runs / "after", "-o", tmp_path / "page", "--json")
-    told = json.loads(out)
-    assert code == 0 and told["against"] == "before" and told["baseline_runs"] == 1
-    before, after = told["runs"]
+    data = json.loads(out)
+    assert code == 0 and data["against"] == "before" and data["baseline_runs"] == 1
+    before, after = data["runs"]
     assert before["changed"] == [] and before["seconds"] > 60
     (change,) = [c for c in after["changed"] if c["quantity"].startswith("thruster.")]
     assert change["quantity"] == "thruster.port.surge"
@@ -74,9 +74,9 @@ def test_mistakes(runs, monkeypatch, capsys, tmp_path):
 
 
 def test_what_the_identification_does_not_say_is_not_known():
-    said = {"linear_damping.surge": 0.3, "quadratic_damping.surge": 0.04, "thrusters.h.force_ahead": 0.03}
+    text = {"linear_damping.surge": 0.3, "quadratic_damping.surge": 0.04, "thrusters.h.force_ahead": 0.03}
     estimate = SimpleNamespace(
-        parameters=[SimpleNamespace(name=name, std=std) for name, std in said.items()], groups={"h": ["a", "b"]}
+        parameters=[SimpleNamespace(name=name, std=std) for name, std in text.items()], groups={"h": ["a", "b"]}
     )
     vehicle = SimpleNamespace(file=SimpleNamespace(identified=SimpleNamespace(estimate=estimate)))
     names = ["drag.surge", "drag.sway", "force.surge", "top_speed.surge", "thruster.a"]
@@ -98,6 +98,6 @@ def test_what_only_the_later_run_tells_is_not_called_unchanged(runs):
     std = np.where(unlearnt, np.nan, found.before.std)
     found = replace(found, before=replace(found.before, std=std, unlearnt=unlearnt))
     assert found.changes[1] == []
-    said = " ".join(text for text, _ in found.words())
-    assert "after: not as described, where nothing is known from before: " in said
-    assert "force of port.surge against others" in said and "nothing has changed" not in said
+    message = " ".join(text for text, _ in found.words())
+    assert "after: not as described, where nothing is known from before: " in message
+    assert "force of port.surge against others" in message and "nothing has changed" not in message

@@ -109,16 +109,16 @@ def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
     args = ["plan-tests", "double_blueye", "--minutes", "15", "--tank", "6x3x1.5", "-o", str(out)]
     result = CliRunner().invoke(app, [*args, "--figure", str(picture), "--json"], catch_exceptions=False)
     assert result.exit_code == 0
-    said = json.loads(result.stdout)
-    assert said["variance_ratio"] < 0.5, "half the variances, geometric mean"
-    assert said["minutes"] <= 15.0 and said["room_m"] > 0.0
+    report = json.loads(result.stdout)
+    assert report["variance_ratio"] < 0.5, "half the variances, geometric mean"
+    assert report["minutes"] <= 15.0 and report["room_m"] > 0.0
     # Couplings count in the mean above. Single ones are best seen in long pulls, which no tank of 6 m has room for.
-    own = [p for p in said["parameters"] if not is_coupling(p["name"])]
+    own = [p for p in report["parameters"] if not is_coupling(p["name"])]
     learnt = [p for p in own if p["sd_after"] < 0.5 * p["sd_before"]]
     assert len(learnt) >= 30
     better = [p["name"] for p in learnt if p["sd_after"] < p["sd_after_steady_steps"]]
     assert len(better) > 0.9 * len(learnt)
-    minutes = np.array(said["each_minute"])
+    minutes = np.array(report["each_minute"])
     assert np.all(np.diff(minutes[:, 1]) <= 0)
     scenario = load_scenario(out)
     assert spans_of(scenario)[-1]["end"] <= 900.0 and scenario.world.tank.north == [-3.0, 3.0]
@@ -165,7 +165,7 @@ def test_a_plan_ends_though_candidates_come_near_walls_in_company():
     scenario = load_scenario("test_mixed")
 
     def laid_out(good):
-        told = Information(np.linspace(2.0, 1.0, 20)[:, None, None], np.zeros(0), np.full(20, 10.0))
+        reported = Information(np.linspace(2.0, 1.0, 20)[:, None, None], np.zeros(0), np.full(20, 10.0))
         at = {"order": []}
 
         def fly(order):
@@ -177,7 +177,7 @@ def test_a_plan_ends_though_candidates_come_near_walls_in_company():
         def near(_):
             return np.array([s["start"] for s in at["spans"] if at["order"][s["manoeuvre"]] not in good])
 
-        return _laid_out(fly, near, prior, told, 40.0, lambda what, share: None)[0]
+        return _laid_out(fly, near, prior, reported, 40.0, lambda what, share: None)[0]
 
     assert set(laid_out({5})) == {5}
     with pytest.raises(ConfigError, match="no plan keeps clear of the walls and level enough"):

@@ -70,13 +70,13 @@ def test_speed_acceptance_settling_and_clearance_are_the_vehicle_s_own(pool):
 
 
 def test_figures_are_plain_and_hang_together(pool):
-    said = pool.figures()
-    assert json.loads(json.dumps(said)) == said
-    assert said["length_m"] > said["seeing_m"] > 0 and said["coverage"] < said["coverage_of_reachable"] <= 1
-    assert said["duration_s"] > said["length_m"] / said["speed_m_s"]
+    text = pool.figures()
+    assert json.loads(json.dumps(text)) == text
+    assert text["length_m"] > text["seeing_m"] > 0 and text["coverage"] < text["coverage_of_reachable"] <= 1
+    assert text["duration_s"] > text["length_m"] / text["speed_m_s"]
     # Hotel load of both halves over the time, and thrust besides.
-    assert said["energy_wh"] > 40.0 * said["duration_s"] / 3600
-    assert any("cannot be seen" in remark for remark in said["remarks"])
+    assert text["energy_wh"] > 40.0 * text["duration_s"] / 3600
+    assert any("cannot be seen" in remark for remark in text["remarks"])
 
 
 def test_the_picture_shows_what_matters(pool):
@@ -102,8 +102,8 @@ def test_the_command_writes_scenario_picture_and_json(tmp_path):
     words = ("--area", POOL, "--swath", 1.6, "--heading", 90, "-o", out, "--figure", picture, "--vehicle", "bluerov2")
     result = run(*words, "--altitude", 1, "--floor", 4, "--json")
     assert result.exit_code == 0, result.output
-    said = json.loads(result.stdout)
-    assert said["heading_deg"] == pytest.approx(90) and said["depth_m"] == 3 and said["scenario"] == str(out)
+    report = json.loads(result.stdout)
+    assert report["heading_deg"] == pytest.approx(90) and report["depth_m"] == 3 and report["scenario"] == str(out)
     assert picture.stat().st_size > 10_000 and load_scenario(out).world.floor == 4
     assert load_scenario(out).vehicle == "bluerov2"
     assert all(w.altitude is None for w in load_scenario(out).waypoints)
@@ -160,11 +160,11 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("words, said", BAD.values(), ids=BAD)
-def test_bad_input_is_named(words, said, tmp_path, monkeypatch):
+@pytest.mark.parametrize("words, message", BAD.values(), ids=BAD)
+def test_bad_input_is_named(words, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = run("--area", POOL, "--swath", "1.6", "--heading", "0", *words)
-    assert isinstance(result.exception, ConfigError) and said in str(result.exception)
+    assert isinstance(result.exception, ConfigError) and message in str(result.exception)
 
 
 def test_a_survey_too_long_for_a_mission_says_so(tmp_path):

@@ -19,7 +19,7 @@ from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.positioning.track import Method
 from rovtwin.runs.fly import fly
-from rovtwin.runs.track import Wanted, track_run
+from rovtwin.runs.track import TrackOptions, track_run
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema.trial import AXES
 from rovtwin.vehicle import Vehicle, load_vehicle, vehicle_from_dict
@@ -77,7 +77,7 @@ def thesis_way(axis: str, log: Path) -> Result:
 
 def _track(axis: str, log: Path, method: Method, known: bool) -> Any:
     start = load_scenario(f"free_running_{axis}").start.position
-    return track_run(log, load_vehicle(TRUTH), method, Wanted(cameras=["port"], known_layout=known, start=start))
+    return track_run(log, load_vehicle(TRUTH), method, TrackOptions(cameras=["port"], known_layout=known, start=start))
 
 
 def guessed(vehicle: Vehicle, axis: str) -> Vehicle:

@@ -95,17 +95,17 @@ def test_a_camera_file_is_read_as_it_was_written_and_takes_the_place_of_the_vehi
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("name: c\nfocal_length: [500, 500]\n", "resolution: missing"),
         ("name: c\nresolution: [640, 480]\nfocal: [500, 500]\n", "focal: no such key. Known: distortion, focal_length"),
         ("name: c\nresolution: [640, 480]\nport: {distance: -1}\n", "port.distance"),
     ],
 )
-def test_a_camera_file_that_cannot_be_used_is_named(tmp_path, text, said):
+def test_a_camera_file_that_cannot_be_used_is_named(tmp_path, text, message):
     path = tmp_path / "camera.yaml"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         read_lens(path)
 
 

@@ -120,12 +120,12 @@ def test_pose_of_a_marker_is_exact_for_exact_corners(port):
 def test_a_small_marker_far_away_is_ambiguous_and_a_near_one_is_not():
     eye = camera(y=0.0)
     rng = np.random.default_rng(3)
-    told = []
+    reports = []
     for north in (1.5, 9.0):
         layout = wall([(0.4, 0.75)], north=north)
         seen = [corners_seen(layout, eye, np.array([0, 0, 0.75]), np.eye(3), rng, 0.2) for _ in range(20)]
-        told.append(np.median([poses(eye.lens, s.corners, np.full(1, 0.15)).ambiguity[0] for s in seen]))
-    assert told[0] < 0.3 < 0.6 < told[1]
+        reports.append(np.median([poses(eye.lens, s.corners, np.full(1, 0.15)).ambiguity[0] for s in seen]))
+    assert reports[0] < 0.3 < 0.6 < reports[1]
 
 
 def test_corners_that_form_no_square_give_a_pose_with_a_large_error_and_no_exception():

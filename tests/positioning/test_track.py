@@ -141,8 +141,8 @@ def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
     e = log["sensor/attitude"].values[50:, :3] - log["track/eta"].values[50:, 3:]
     assert np.abs(e.mean(axis=0)).max() < 3e-3 and np.abs(e).max() < 8e-3
     assert np.array_equal(log["sensor/attitude"]["t_valid"], d.t)
-    told = json.loads(log.metadata["track_attitude_offset"])
-    assert told["rotation_vector_n"] == result.offset.tolist() and told["std"] == result.offset_std.tolist()
+    data = json.loads(log.metadata["track_attitude_offset"])
+    assert data["rotation_vector_n"] == result.offset.tolist() and data["std"] == result.offset_std.tolist()
 
 
 def test_the_sizes_that_the_poses_were_made_with_are_those_of_the_filter():

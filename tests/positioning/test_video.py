@@ -96,7 +96,7 @@ def test_a_film_that_is_cut_gives_what_is_left_or_says_that_it_cannot_be_read(tm
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda p: p / "none.mp4", "no such video; expected MCAP, a film"),
         (lambda p: folder(p / "empty", [], []), "found no pictures in it"),
@@ -104,8 +104,8 @@ def test_a_film_that_is_cut_gives_what_is_left_or_says_that_it_cannot_be_read(tm
         (lambda p: film(p / "big.mp4", frames(2, (320, 240))), "found frames of 320 x 240 pixels, but the camera is"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path, make, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_be_used_is_named(tmp_path, make, message):
+    with pytest.raises(ConfigError, match=message):
         read(Video(make(tmp_path), SIZE))
 
 

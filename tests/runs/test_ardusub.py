@@ -36,6 +36,6 @@ def test_1_m_per_s_is_more_than_the_vehicle_can_push_against():
 def test_way_points_are_reached_to_05_m(seed):
     run = flown("ardusub_waypoint_dvl", seed)
     places = run.log["truth/eta"].values[:, :3]
-    for wanted in ([5, 0, 3], [5, 5, 5], [0, 0, 3]):
-        assert np.linalg.norm(places - wanted, axis=1).min() < 0.5
+    for expected in ([5, 0, 3], [5, 5, 5], [0, 0, 3]):
+        assert np.linalg.norm(places - expected, axis=1).min() < 0.5
     assert run.completed

@@ -29,8 +29,8 @@ def at(depth, **changes):
 def test_a_way_point_passed_far_above_its_depth_is_none():
     scenario = load_scenario("square", ONE)
     assert not_at_depth(at(3.1), scenario, MODEL) == ""
-    said = not_at_depth(at(0.5), scenario, MODEL)
-    assert "way-point 1 of 1 was passed at a depth of 0.5 m, and 3 m were asked for" in said
+    text = not_at_depth(at(0.5), scenario, MODEL)
+    assert "way-point 1 of 1 was passed at a depth of 0.5 m, and 3 m were asked for" in text
 
 
 def test_a_moment_at_its_depth_on_the_second_half_of_the_leg_is_enough():

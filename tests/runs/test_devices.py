@@ -125,19 +125,19 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("said", WRONG)
-def test_what_cannot_break_is_said(said):
+@pytest.mark.parametrize("message", WRONG)
+def test_what_cannot_break_is_said(message):
     with pytest.raises(ConfigError) as error:
-        compose(load_scenario("lawnmower_calm", [f"faults=[{WRONG[said]}]"]))
-    assert said in str(error.value)
+        compose(load_scenario("lawnmower_calm", [f"faults=[{WRONG[message]}]"]))
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
     "said, setting",
     [("has no floor", "sensors.altimeter=true"), ("there is none on board", "sensors.leak.rate_hz=2")],
 )
-def test_instruments_that_cannot_be_are_refused(said, setting):
-    with pytest.raises(ConfigError, match=said):
+def test_instruments_that_cannot_be_are_refused(message, setting):
+    with pytest.raises(ConfigError, match=message):
         compose(load_scenario("lawnmower_calm", [setting]))
 
 
@@ -171,12 +171,12 @@ def test_a_snagged_tether_holds_the_vehicle_back():
         ("no tether 'left' is connected; there are port_tether, starboard_tether", ["world.tethers={}"]),
     ],
 )
-def test_a_tether_that_is_not_there_cannot_snag(said, settings):
-    name = said.split("'")[1]
+def test_a_tether_that_is_not_there_cannot_snag(message, settings):
+    name = message.split("'")[1]
     fault = f"faults=[{{tether: {name}, fault: snagged}}]"
     with pytest.raises(ConfigError) as error:
         compose(load_scenario("lawnmower_calm", [*settings, fault]))
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 # -- batteries
@@ -219,10 +219,10 @@ def test_energy_is_in_summary_and_report(drained, tmp_path):
         ("of at most 1", ["battery={charge: 2}"]),
     ],
 )
-def test_batteries_that_are_not_there_are_refused(said, settings):
+def test_batteries_that_are_not_there_are_refused(message, settings):
     with pytest.raises(ConfigError) as error:
         compose(load_scenario("lawnmower_calm", settings))
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_a_gauge_of_a_part_tells_nothing_without_a_battery_and_no_rule_waits_for_it():
@@ -232,14 +232,14 @@ def test_a_gauge_of_a_part_tells_nothing_without_a_battery_and_no_rule_waits_for
     with pytest.raises(ConfigError, match="battery_low: no battery is simulated, so that it could never act"):
         require_feasible(load_scenario("square", [rule]), vehicle.model())
     assert not require_feasible(load_scenario("square", [rule]), vehicle.model(), known_world=False)  # a real one
-    for settings, told in (([], 0), (["battery=true", rule], 1)):
+    for settings, reported in (([], 0), (["battery=true", rule], 1)):
         composed = compose(load_scenario("square", settings), vehicle=vehicle)
         lines = listed(composed.scenario, vehicle)
-        assert any("silent: no battery is simulated" in line for line in lines) == (not told)
+        assert any("silent: no battery is simulated" in line for line in lines) == (not reported)
         twin = composed.loop.twin
         state = State.at(twin.model, composed.start)
-        energy = jnp.array([0.9, 20.0]) if told else None
+        energy = jnp.array([0.9, 20.0]) if reported else None
         seen = SensorInput(state, jnp.zeros(6), jnp.asarray(499), Environment.calm(), energy)
         sensor = twin.sensors["battery"]
         _, slot = sensor.step(sensor.init(composed.key, composed.start), seen, 0.002)
-        assert int(slot.valid.sum()) == told
+        assert int(slot.valid.sum()) == reported

@@ -315,17 +315,17 @@ def test_holding_is_placed_from_the_vehicle(no_sway):
 
 
 def test_the_thesis_protocol_has_the_levels_of_its_tables():
-    said = [piece.what for piece in pieces_of(load_scenario("test_steps_thesis"))]
-    surge = [what.split()[-1] for what in said if what.startswith("steps surge")]
+    texts = [piece.what for piece in pieces_of(load_scenario("test_steps_thesis"))]
+    surge = [what.split()[-1] for what in texts if what.startswith("steps surge")]
     assert [float(level) for level in surge] == [0.2, 0.4, 0.5, 0.6, 0.8, 0.9]
-    assert "release at -33.42, 0 deg" in said and "release at 0, -39.95 deg" in said
+    assert "release at -33.42, 0 deg" in texts and "release at 0, -39.95 deg" in texts
 
 
 STEP = {"manoeuvre": "steps", "axis": "surge", "levels": [0.5]}
 
 
 @pytest.mark.parametrize(
-    ("manoeuvres", "more", "said"),
+    ("manoeuvres", "more", "message"),
     [
         (
             [STEP | {"axis": "pitch"}],
@@ -345,8 +345,8 @@ STEP = {"manoeuvre": "steps", "axis": "surge", "levels": [0.5]}
         ),
     ],
 )
-def test_mistakes_are_said(manoeuvres, more, said):
-    with pytest.raises(ConfigError, match=said):
+def test_mistakes_are_said(manoeuvres, more, message):
+    with pytest.raises(ConfigError, match=message):
         compose(short(manoeuvres, **more))
 
 

@@ -102,8 +102,8 @@ def test_nothing_but_the_operator_goes_on():
     requests = [{"at": 33.0, "ask": "resume"}, {"at": 36.0, "ask": "arm"}, {"at": 40.0, "ask": "resume"}]
     limit = "autopilot.supervisor.operator_silent=5"
     run = flight(limit, faults={"operator_silent": (AT, 28.0)}, requests=requests, duration=50)
-    said = [(one["what"], one["cause"]) for one in run.summary["decisions"]]
-    assert said == [("held", "operator silent"), ("paused", "operator"), ("goes on (go)", "operator")]
+    texts = [(one["what"], one["cause"]) for one in run.summary["decisions"]]
+    assert texts == [("held", "operator silent"), ("paused", "operator"), ("goes on (go)", "operator")]
     assert [round(one["t"]) for one in run.summary["decisions"]] == [20, 36, 40]
 
 
@@ -147,8 +147,8 @@ def test_the_time_runs_out():
 
 def test_a_surge_thruster_that_is_lost_is_named_and_ends_the_mission_at_the_surface():
     run = flight(faults={"surge": 30.0}, duration=70)
-    said = [one["what"] for one in run.summary["decisions"]]
-    assert "port_surge no longer used" in said and phases(run)[-1] == "surfaced"
+    texts = [one["what"] for one in run.summary["decisions"]]
+    assert "port_surge no longer used" in texts and phases(run)[-1] == "surfaced"
     assert run.summary["reason"] == "thruster failed" and run.summary["decisions"][0]["t"] < 40.0
 
 

@@ -196,18 +196,18 @@ def test_a_tank_too_short_to_stop_in():
     tank = "world.tank={north: [-1, 2], east: [-1, 2]}"
     fast = "mission.waypoints=[{position: [1, 0, 3], speed: 2.5, acceptance: 0.2}]"
     slow = NO_SWAY | {"mass": 65.0, "volume": 0.0655, "inertia": [0.6, 1.1, 1.2]}
-    said = [[line for line in lines(one, tank, fast)[1] if "the tank is 3 m long" in line] for one in (NO_SWAY, slow)]
-    assert said[0] == [] and len(said[1]) == 1
+    texts = [[line for line in lines(one, tank, fast)[1] if "the tank is 3 m long" in line] for one in (NO_SWAY, slow)]
+    assert texts[0] == [] and len(texts[1]) == 1
 
 
 def test_the_baseline_on_another_vehicle_is_one_line():
-    for name, vehicle, said in (
+    for name, vehicle, message in (
         ("thesis", "bluerov2", True), ("thesis_as_printed", "bluerov2", True), ("thesis_placed", "bluerov2", False),
         ("thesis", "double_blueye", False), ("thesis", "double_blueye_thesis", False),
         ("model_based", "bluerov2", False),
     ):  # fmt: skip
         line = baseline_of_another(load_scenario("square", [f"autopilot={name}"]), load_vehicle(vehicle))
-        assert (line is not None) is said, name
+        assert (line is not None) is message, name
         assert line is None or "gains of the Double Blueye, not of bluerov2" in line
 
 
@@ -258,7 +258,7 @@ def test_a_current_that_turns_it_across_is_said_and_refused_where_the_bow_never_
     model = vehicle_from_dict(auv | hull | {"thrusters": pair + heave}, "auv").model()
     turns = Limits.of(model).turns_in
     assert 0.4 < turns < 0.5
-    said = [judge(load_scenario("square", [f"world.current=[0, {k * turns}, 0]"]), model)[0] for k in (0.9, 1.2, 1.8)]
-    assert "Munk's moment" not in said[0].line
-    assert "turns it across itself with up to" in said[1].line and not said[1].refused
-    assert "wait for less current, or give it fins" in said[2].line and said[2].refused
+    texts = [judge(load_scenario("square", [f"world.current=[0, {k * turns}, 0]"]), model)[0] for k in (0.9, 1.2, 1.8)]
+    assert "Munk's moment" not in texts[0].line
+    assert "turns it across itself with up to" in texts[1].line and not texts[1].refused
+    assert "wait for less current, or give it fins" in texts[2].line and texts[2].refused

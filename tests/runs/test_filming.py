@@ -14,7 +14,7 @@ from rovtwin.demo.camera import film_and_identify
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.positioning.camera_file import read_lens
 from rovtwin.runs.fly import fly
-from rovtwin.runs.track import Wanted, track_run
+from rovtwin.runs.track import TrackOptions, track_run
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.scene import load_scene
@@ -55,12 +55,12 @@ def test_a_run_leaves_pictures_lens_and_layout(run):
 @pytest.mark.parametrize("ending", [".mcap", ".mp4"])
 def test_its_track_is_where_it_was(run, ending):
     if ending == ".mp4":
-        wanted = Wanted(
+        expected = TrackOptions(
             videos=[run.folder / "port_camera.mp4"], cameras=["port"], lenses=[run.folder / "port_camera.yaml"]
         )
     else:
-        wanted = Wanted(cameras=["port"])
-    found, log = track_run(run.folder / "log.mcap", load_vehicle("double_blueye_thesis"), "ekf", wanted)
+        expected = TrackOptions(cameras=["port"])
+    found, log = track_run(run.folder / "log.mcap", load_vehicle("double_blueye_thesis"), "ekf", expected)
     truth = run.log["truth/eta"]
     at = [np.interp(found.t, truth.t, truth[axis]) for axis in "xyz"]
     # Markers of 0.15 and 0.3 m from 6 m away, 768 pixels wide: film costs little over pictures.
@@ -104,12 +104,12 @@ def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
 
 
 def test_two_scenes_one_camera_twice_and_the_wall_clock_are_named(tmp_path):
-    for cameras, said in (
+    for cameras, message in (
         ([CAMERA, CAMERA | {"scene": "mclab", "camera": "starboard.camera"}], "expected one for all cameras"),
         ([CAMERA, CAMERA], "found one camera twice"),
     ):
-        with pytest.raises(ConfigError, match=said):
-            fly(parse(Scenario, SCENARIO | {"cameras": cameras}, "filmed"), tmp_path / said, camera=True)
+        with pytest.raises(ConfigError, match=message):
+            fly(parse(Scenario, SCENARIO | {"cameras": cameras}, "filmed"), tmp_path / message, camera=True)
     with pytest.raises(ConfigError, match="leave out --realtime"):
         fly(parse(Scenario, SCENARIO, "filmed"), tmp_path / "run", camera=True, realtime=True)
 

@@ -34,14 +34,14 @@ def test_a_heading_given_up_is_a_decision_with_its_error_and_the_summary_says_so
     model = vehicle_from_dict(NO_SWAY, "made up").model()
     (one,) = unmet_headings(run(-83.0), SCENARIO)
     assert one.line == "heading 90 deg given up at way-point 1: 173 deg off when it was left"
-    told = [d for d in decisions(run(-83.0), ["a", "b"], [(0.0, SCENARIO)], model) if "heading" in d["what"]]
-    assert [d["t"] for d in told] == [120.0] and told[0]["what"] == "heading 90 deg given up at way-point 1"
+    reports = [d for d in decisions(run(-83.0), ["a", "b"], [(0.0, SCENARIO)], model) if "heading" in d["what"]]
+    assert [d["t"] for d in reports] == [120.0] and reports[0]["what"] == "heading 90 deg given up at way-point 1"
     why = "the current comes from the side and {}: it turned its bow into the current to hold its place; "
     why += "173 deg off when the way-point was left"
-    assert told[0]["cause"] == why.format("there is no thrust in sway to hold against it")
+    assert reports[0]["cause"] == why.format("there is no thrust in sway to hold against it")
     weak = load_vehicle("double_blueye").model()
-    told = [d for d in decisions(run(-83.0), ["a", "b"], [(0.0, SCENARIO)], weak) if "heading" in d["what"]]
-    assert told[0]["cause"] == why.format("is more than thrust in sway can hold against")
+    reports = [d for d in decisions(run(-83.0), ["a", "b"], [(0.0, SCENARIO)], weak) if "heading" in d["what"]]
+    assert reports[0]["cause"] == why.format("is more than thrust in sway can hold against")
 
 
 def test_a_heading_that_was_met_or_not_yet_reached_is_none():
@@ -56,8 +56,8 @@ def test_one_that_nobody_gave_up_counts_too():
 
 def test_the_console_says_at_once_that_a_heading_is_given_up_and_when_no_longer():
     changes = Changes()
-    told = [changes.of("hold", "", gives_up) for gives_up in (False, True, True, False)]
-    assert told == [
+    reports = [changes.of("hold", "", gives_up) for gives_up in (False, True, True, False)]
+    assert reports == [
         None, ("warning", "heading given up to keep the place"), None, ("info", "heading no longer given up"),
     ]  # fmt: skip
 

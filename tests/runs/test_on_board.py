@@ -106,10 +106,10 @@ def test_a_scenario_silences_changes_and_adds():
         (["sensors.dvl_2.nois=1"], "sensors.dvl_2.nois: no such key. Did you mean 'noise'?"),
     ],
 )
-def test_what_is_not_there_cannot_be_changed(settings, said):
+def test_what_is_not_there_cannot_be_changed(settings, message):
     with pytest.raises(ConfigError) as error:
         flown(*settings)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize("preset", ["table_5_7", "as_printed"])
@@ -206,7 +206,7 @@ def test_a_served_vehicle_tells_what_imus_along_its_axes_would_read():
         for name, sensor in served.twin.sensors.items()
         if sensor.kind in IMU
     }
-    told = served._along_b(slots)
+    reported = served._along_b(slots)
     x = served.filter.init(jax.random.key(0), start).x
     link = as_read("mavlink://udpin:0.0.0.0:14550", found)
     for mounts in (
@@ -216,11 +216,11 @@ def test_a_served_vehicle_tells_what_imus_along_its_axes_would_read():
         for name in served.rotations:
             straight = eqx.tree_at(lambda s: s.rotation, served.twin.sensors[name], jnp.eye(3))
             want = IDEAL[straight.kind](straight, seen)
-            np.testing.assert_allclose(told[name].value[0], want, atol=1e-9, err_msg=name)
-            np.testing.assert_allclose(mounts[name].rotation @ told[name].value[0], want, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(reported[name].value[0], want, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(mounts[name].rotation @ reported[name].value[0], want, atol=1e-9, err_msg=name)
         for name in ("attitude", "attitude_2"):
-            said = readings.attitude(x, told[name], mounts[name], NU[3:], jnp.zeros(()), 1.0)
-            np.testing.assert_allclose(said.residual, 0.0, atol=1e-9)
+            text = readings.attitude(x, reported[name], mounts[name], NU[3:], jnp.zeros(()), 1.0)
+            np.testing.assert_allclose(text.residual, 0.0, atol=1e-9)
 
 
 def test_identification_reads_one_of_two_pressure_sensors(tmp_path):

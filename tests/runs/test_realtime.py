@@ -50,9 +50,9 @@ def test_steps_are_those_of_the_block_and_so_is_what_is_left_for_the_log(parts):
         given.append(host.given)
         expected.append((packed, jax.device_get(output)))
     found = host.unpacked(taken, given)
-    wanted = jax.tree.map(lambda *leaves: np.stack(leaves), *expected)
-    assert jax.tree.structure(found) == jax.tree.structure(wanted)
-    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+    desired = jax.tree.map(lambda *leaves: np.stack(leaves), *expected)
+    assert jax.tree.structure(found) == jax.tree.structure(desired)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(desired), strict=True):
         assert one.dtype == other.dtype
         np.testing.assert_allclose(one, other, atol=1e-10)
 

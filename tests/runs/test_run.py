@@ -135,12 +135,12 @@ def test_the_log_and_the_summary_of_a_mismatch_hold_what_was_drawn(short, flight
     scenario = short.model_copy(update={"world": short.world.model_copy(update={"mismatch": MismatchSection()})})
     wrong = fly(scenario, tmp_path / "wrong")
     composed = compose(scenario)
-    told = json.loads(wrong.log.metadata["mismatch"])
-    assert told == wrong.summary["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
-    assert (told["mass"], told["thrust"]) == (pytest.approx(1.1), pytest.approx(0.9))
+    data = json.loads(wrong.log.metadata["mismatch"])
+    assert data == wrong.summary["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
+    assert (data["mass"], data["thrust"]) == (pytest.approx(1.1), pytest.approx(0.9))
     truth, model = composed.loop.twin.model, composed.model
     ratio = truth.quadratic_damping_astern[1, 1] / model.quadratic_damping_astern[1, 1]
-    assert told["quadratic_damping_astern.sway"] == pytest.approx(ratio) != pytest.approx(1.0)
+    assert data["quadratic_damping_astern.sway"] == pytest.approx(ratio) != pytest.approx(1.0)
 
 
 def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):

@@ -118,11 +118,11 @@ def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed
     assert heavy["verdict"] == "holds" and "tips" not in heavy["line"]
     level = Limits.of(load_vehicle("bluerov2").model()).level[0]
     assert plain["verdict"] == "holds" and plain["stems_m_s"]["ahead"] == pytest.approx(level, abs=0.02)
-    said = _stems(plain)  # it stood under a table by which a quarter of the thrust was enough
-    assert "staying level, not thrust, is the limit from each side: thrust would stem 2.6 m/s from ahead" in said
+    text = _stems(plain)  # it stood under a table by which a quarter of the thrust was enough
+    assert "staying level, not thrust, is the limit from each side: thrust would stem 2.6 m/s from ahead" in text
     alike = plain["stems_m_s"] | {"ahead": 2.6, "off the bow": 2.1}
-    said = _stems({"stems_m_s": alike, "thrust_stems_m_s": alike | {"abeam": 2.3, "astern": 2.6}})
-    assert "limit from abeam and astern: thrust would stem 2.3 m/s from abeam, 2.6 m/s from astern" in said
+    text = _stems({"stems_m_s": alike, "thrust_stems_m_s": alike | {"abeam": 2.3, "astern": 2.6}})
+    assert "limit from abeam and astern: thrust would stem 2.3 m/s from abeam, 2.6 m/s from astern" in text
     assert "level" not in _stems({"stems_m_s": alike, "thrust_stems_m_s": alike})
 
 

@@ -54,8 +54,8 @@ def test_it_knows_better_and_says_how_well(run, smoothed):
 
 
 def test_the_command_writes_a_log_and_overwrites_nothing(run):
-    told = CliRunner().invoke(app, ["smooth", str(run), "--json"])
-    assert told.exit_code == 0 and '"smoothed_rms_m"' in told.output
+    data = CliRunner().invoke(app, ["smooth", str(run), "--json"])
+    assert data.exit_code == 0 and '"smoothed_rms_m"' in data.output
     log = Log.read(run / "smoothed.mcap")
     assert {"smoothed/eta", "smoothed/nu", "smoothed/std"} <= set(log)
     with pytest.raises(ConfigError, match="smoothed.mcap"):

@@ -73,10 +73,10 @@ def tips(axis, degrees, speed, **changes):
 
 def test_what_tipped_it_names_angle_speed_through_the_water_and_what_it_stays_level_up_to(model):
     level = stability(model).pitch_depth_held
-    said = tipped(tips(4, -60.0, 0.2 + level), model)
-    assert said.startswith("at 100.0 s pitch was -60 deg, and its speed through")
-    assert f"through the water had come to {0.4 + level:.2g} m/s; with its depth" in said
-    assert f"it stays level up to {level:.2g} m/s: fly slower, or raise BG" in said
+    text = tipped(tips(4, -60.0, 0.2 + level), model)
+    assert text.startswith("at 100.0 s pitch was -60 deg, and its speed through")
+    assert f"through the water had come to {0.4 + level:.2g} m/s; with its depth" in text
+    assert f"it stays level up to {level:.2g} m/s: fly slower, or raise BG" in text
     slow = tipped(tips(4, -60.0, 0.0), model)
     assert "fly slower" not in slow and "check its thrusters" in slow, "0.2 m/s are not what tipped it"
     assert f"speed over ground had come to {0.2 + level:.2g}" in tipped(tips(4, -60.0, 0.2 + level, water=None), model)
@@ -102,9 +102,9 @@ def test_what_fell_short_names_force_and_flow(model):
     mode[1000:, :2] = [ABORTED, REASONS.index("saturated")]
     tau, water[:, 1] = zero.copy(), 1.2
     tau[:1000, 5] = Limits.of(model).both_ways(5)
-    said = fell_short(flown(0.0, 0.0, tau=tau, water=water, mode=mode), model)
-    assert said.startswith("over the last 30 s it was asked for 2.4 of 2.4 N m in yaw, at 1.2 m/s through the water")
-    assert "it turns its bow in up to" in said and said.endswith("wait for less current")
+    text = fell_short(flown(0.0, 0.0, tau=tau, water=water, mode=mode), model)
+    assert text.startswith("over the last 30 s it was asked for 2.4 of 2.4 N m in yaw, at 1.2 m/s through the water")
+    assert "it turns its bow in up to" in text and text.endswith("wait for less current")
     assert "in surge" in fell_short(flown(0.0, 0.0, tau=zero + 30.0, mode=mode), model), "the world may be unknown"
     assert why_ended(flown(0.0, 0.0), model, "leak") == ""
 
@@ -124,11 +124,11 @@ def test_what_left_its_course_or_depth_says_how_far_and_what_was_asked(model):
     ):
         mode[1000:, 1] = REASONS.index(rule)
         run = flown(0.0, 0.0, eta=eta, eta_hat=eta, setpoint=aim, tau=tau, mode=mode)
-        said = say(run, model)
-        assert said.startswith(f"at 99.9 s {expected}") and "m farther than" in said
-        assert why_ended(run, model, rule) == said
-        assert ("2 of 22 N in surge on average" in said) == (rule == "off course")
-        assert ("3 of 11.5 N in heave on average" in said) == (rule == "off depth")
+        text = say(run, model)
+        assert text.startswith(f"at 99.9 s {expected}") and "m farther than" in text
+        assert why_ended(run, model, rule) == text
+        assert ("2 of 22 N in surge on average" in text) == (rule == "off course")
+        assert ("3 of 11.5 N in heave on average" in text) == (rule == "off depth")
 
 
 def test_a_flight_without_positions_says_how_well_it_knew_where_it_was(scenario, model):
@@ -137,10 +137,13 @@ def test_a_flight_without_positions_says_how_well_it_knew_where_it_was(scenario,
     covariance[:50, :2, :2] *= 100.0
     lost = (TIME > 60.0) & (TIME < 80.0)
     covariance[lost, 0, 0] = (0.05 * (TIME[lost] - 59.0)) ** 2
-    (told,) = badly_placed(flown(ARRIVES, 0.0, covariance=covariance), scenario)
+    (reported,) = badly_placed(flown(ARRIVES, 0.0, covariance=covariance), scenario)
     # Beyond the acceptance of 0.2 m from a standard deviation of 0.102 m on.
-    assert told["t"] == pytest.approx(61.1, abs=0.15)
-    assert told["what"] == "until 80 s the position is known to 2 m at worst" and "acceptance 0.2 m" in told["cause"]
+    assert reported["t"] == pytest.approx(61.1, abs=0.15)
+    assert (
+        reported["what"] == "until 80 s the position is known to 2 m at worst"
+        and "acceptance 0.2 m" in reported["cause"]
+    )
     assert badly_placed(flown(ARRIVES, 0.0), scenario) == []
 
 
@@ -169,26 +172,26 @@ def test_beside_the_way_point_in_a_cross_current_without_sway(scenario, model):
     bias, tau = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
     bias[:, 1], tau[:, 0] = 0.6, 0.3
     run = flown(ARRIVES, 0.7, bias=bias, tau=tau)
-    said = unfinished(run, scenario, model, VEHICLE)
-    assert said.startswith("way-point 1 of 2 was not reached: from 1")
-    assert "0.7 m east of it at (3.0, 0.7)" in said and "acceptance 0.2 m" in said
-    assert "asked for 0.3 of 22 N in surge, no thrust in sway" in said
-    assert "to the east pushes it, which takes 0 N in surge and 0.6 N in sway" in said
-    assert "raise the way-point's acceptance to 0.9 m" in said
+    text = unfinished(run, scenario, model, VEHICLE)
+    assert text.startswith("way-point 1 of 2 was not reached: from 1")
+    assert "0.7 m east of it at (3.0, 0.7)" in text and "acceptance 0.2 m" in text
+    assert "asked for 0.3 of 22 N in surge, no thrust in sway" in text
+    assert "to the east pushes it, which takes 0 N in surge and 0.6 N in sway" in text
+    assert "raise the way-point's acceptance to 0.9 m" in text
     (stall,) = stalls(run, scenario, model)
     assert 130 < stall.start < 150 and stall.end == SECONDS and stall.nearest == pytest.approx(0.7)
-    (told,) = without_headway(run, scenario, model)
-    assert told["what"].startswith("no headway for 19 s, at way-point 1 of 2")  # 20 lengths of 0.187 m at 0.2 m/s
-    assert told["t"] == pytest.approx(stall.start + 18.7, abs=0.1) and "raise" not in told["cause"]
+    (reported,) = without_headway(run, scenario, model)
+    assert reported["what"].startswith("no headway for 19 s, at way-point 1 of 2")  # 20 lengths of 0.187 m at 0.2 m/s
+    assert reported["t"] == pytest.approx(stall.start + 18.7, abs=0.1) and "raise" not in reported["cause"]
 
 
 def test_a_current_beyond_what_keeps_it_level(scenario, model):
     """A larger acceptance is no help to a vehicle that is carried off."""
     bias = np.zeros((len(TIME), 6))
     bias[:, 1] = 3.1
-    said = unfinished(flown(ARRIVES, 0.7, bias=bias), scenario, model, VEHICLE)
-    assert "no faster than 0.22 m/s through the water to stay level: wait for less current" in said
-    assert "acceptance to" not in said
+    text = unfinished(flown(ARRIVES, 0.7, bias=bias), scenario, model, VEHICLE)
+    assert "no faster than 0.22 m/s through the water to stay level: wait for less current" in text
+    assert "acceptance to" not in text
 
 
 def test_patience_grows_with_the_vehicle(scenario, model):
@@ -201,8 +204,8 @@ def test_patience_grows_with_the_vehicle(scenario, model):
 def test_thrust_that_is_used_up(scenario, model):
     tau = np.zeros((len(TIME), 6))
     tau[:, 0] = 21.5
-    said = unfinished(flown(1.0, 0.0, tau=tau), scenario, model, VEHICLE)
-    assert "asked for 22 of 22 N in surge" in said and "thrust in surge is used up" in said
+    text = unfinished(flown(1.0, 0.0, tau=tau), scenario, model, VEHICLE)
+    assert "asked for 22 of 22 N in surge" in text and "thrust in surge is used up" in text
 
 
 PLACED = "autopilot.controller.gains=pole_placement"
@@ -218,29 +221,29 @@ def test_a_dive_that_hangs(vehicle, settings, whose, model):
     legs = "mission.waypoints=[{position: [3, 0, 4], speed: 0.2, acceptance: 0.2}]"
     scenario = load_scenario("square", ["autopilot=thesis", legs, *settings])
     leg = np.tile([0, 0, 4, 3, 0, 4], (len(TIME), 1)).astype(float)
-    said = unfinished(flown(0.0, 0.0, phase=DIVE, leg=leg), scenario, model, vehicle)
-    assert "stayed 1 m above its depth of 4 m" in said and "of 11.5 N in heave" in said
-    assert f"the gains of this baseline are {whose}; fly it with autopilot model_based" in said
+    text = unfinished(flown(0.0, 0.0, phase=DIVE, leg=leg), scenario, model, vehicle)
+    assert "stayed 1 m above its depth of 4 m" in text and "of 11.5 N in heave" in text
+    assert f"the gains of this baseline are {whose}; fly it with autopilot model_based" in text
 
 
 def test_a_dive_that_waits_for_its_heading(scenario, model):
     """At its depth it is not the depth that is named; off both, both are."""
     setpoint, tau = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
     setpoint[:, 5], tau[:, 5] = 1.0, 2.9
-    said = unfinished(flown(0.0, 0.0, phase=DIVE, setpoint=setpoint, tau=tau), scenario, model, VEHICLE)
-    assert "the vehicle was at its depth and stayed 57 deg off the heading of the leg" in said and "heave" not in said
-    assert "asked for 2.9 of" in said and "thrust in yaw is used up; it takes a weaker current" in said
+    text = unfinished(flown(0.0, 0.0, phase=DIVE, setpoint=setpoint, tau=tau), scenario, model, VEHICLE)
+    assert "the vehicle was at its depth and stayed 57 deg off the heading of the leg" in text and "heave" not in text
+    assert "asked for 2.9 of" in text and "thrust in yaw is used up; it takes a weaker current" in text
     leg = np.tile([0, 0, 4, 3, 0, 4], (len(TIME), 1)).astype(float)
-    said = unfinished(flown(0.0, 0.0, phase=DIVE, setpoint=setpoint, leg=leg), scenario, model, VEHICLE)
-    assert "stayed 1 m above its depth of 4 m, 57 deg off the heading of the leg" in said
-    assert "N in heave" in said and "N m in yaw" in said
+    text = unfinished(flown(0.0, 0.0, phase=DIVE, setpoint=setpoint, leg=leg), scenario, model, VEHICLE)
+    assert "stayed 1 m above its depth of 4 m, 57 deg off the heading of the leg" in text
+    assert "N in heave" in text and "N m in yaw" in text
 
 
 def test_a_turn_that_never_ends(scenario, model):
     setpoint = np.zeros((len(TIME), 6))
     setpoint[:, 5] = 1.0
-    said = unfinished(flown(0.0, 0.0, phase=TURN, setpoint=setpoint), scenario, model, VEHICLE)
-    assert "no nearer than 57 deg to the heading of the leg" in said and "N m in yaw" in said
+    text = unfinished(flown(0.0, 0.0, phase=TURN, setpoint=setpoint), scenario, model, VEHICLE)
+    assert "no nearer than 57 deg to the heading of the leg" in text and "N m in yaw" in text
 
 
 def test_a_vehicle_that_circles(scenario, model):
@@ -251,16 +254,16 @@ def test_a_vehicle_that_circles(scenario, model):
 def test_headway_that_takes_longer_than_there_is_time(scenario, model):
     run = flown(0.005 * TIME, 0.0)
     assert stalls(run, scenario, model) == []
-    said = unfinished(run, scenario, model, VEHICLE)
-    assert said.startswith("on its way to way-point 1 of 2, (2.0, 0.0) at 3.0 m depth; what is left takes about")
-    assert "raise duration to" in said
+    text = unfinished(run, scenario, model, VEHICLE)
+    assert text.startswith("on its way to way-point 1 of 2, (2.0, 0.0) at 3.0 m depth; what is left takes about")
+    assert "raise duration to" in text
 
 
 def test_neither_holding_nor_pausing_is_a_stall(scenario, model):
-    for phase, said in ((HOLD, "at way-point 1 of 2"), (PAUSED, "paused at the end")):
+    for phase, message in ((HOLD, "at way-point 1 of 2"), (PAUSED, "paused at the end")):
         run = flown(3.0, 0.0, phase=phase)
         assert stalls(run, scenario, model) == []
-        assert unfinished(run, scenario, model, VEHICLE).startswith(said)
+        assert unfinished(run, scenario, model, VEHICLE).startswith(message)
 
 
 def test_a_filter_that_is_wrong_is_named(scenario, model):
@@ -274,15 +277,17 @@ def test_what_is_felt_is_a_current_only_where_the_water_runs(scenario, model):
     bias, water = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 3))
     bias[:, 1] = 3.1
 
-    def said(**changes):
+    def result_of(**changes):
         return unfinished(flown(ARRIVES, 0.7, bias=bias, **changes), scenario, model, VEHICLE)
 
-    assert "or it has thrusters that give less than they should (dead, reversed, fouled)" in said()
-    still = said(water=water)
+    assert "or it has thrusters that give less than they should (dead, reversed, fouled)" in result_of()
+    still = result_of(water=water)
     assert "but the water stood still: the rest is thrusters that give less" in still
     assert "wait for less current" not in still and "check its thrusters" in still
-    water[:, 1] = float(said().partition("a current of ")[2].partition(" ")[0])
-    assert "thrusters that give less" not in said(water=water) and said(water=water).endswith("wait for less current")
+    water[:, 1] = float(result_of().partition("a current of ")[2].partition(" ")[0])
+    assert "thrusters that give less" not in result_of(water=water) and result_of(water=water).endswith(
+        "wait for less current"
+    )
 
 
 def test_a_current_is_one_though_drag_aside_is_larger(scenario, model):
@@ -314,16 +319,16 @@ def test_waves_that_push_are_named_and_no_thruster_is(scenario, model):
 
 
 def test_a_vehicle_that_is_carried_off_did_not_stay(scenario, model):
-    said = unfinished(flown(3.0, 0.5 * TIME), scenario, model, VEHICLE)
-    assert "the vehicle went away, to 200 m east of it at 400 s" in said and "stayed" not in said
+    text = unfinished(flown(3.0, 0.5 * TIME), scenario, model, VEHICLE)
+    assert "the vehicle went away, to 200 m east of it at 400 s" in text and "stayed" not in text
 
 
 def test_no_current_is_blamed_for_a_depth(scenario, model):
     leg, bias, tau = np.tile([0, 0, 4.0, 3, 0, 4], (len(TIME), 1)), np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
     bias[:, 0], bias[:, 2] = 3.0, -2.0
-    said = unfinished(flown(0.0, 0.0, phase=DIVE, leg=leg, bias=bias), scenario, model, VEHICLE)
-    assert "something like 2 N up pushes it, or it has thrusters" in said and "current" not in said
+    text = unfinished(flown(0.0, 0.0, phase=DIVE, leg=leg, bias=bias), scenario, model, VEHICLE)
+    assert "something like 2 N up pushes it, or it has thrusters" in text and "current" not in text
     mode = np.tile([GO, 0, 0, 1.0], (len(TIME), 1))
     mode[1000:, 1], tau[:, 2] = REASONS.index("saturated"), 12.0
-    said = fell_short(flown(0.0, 0.0, tau=tau, water=np.zeros((len(TIME), 3)), mode=mode), model)
-    assert "in heave: check its heave thrusters" in said and "current" not in said
+    text = fell_short(flown(0.0, 0.0, tau=tau, water=np.zeros((len(TIME), 3)), mode=mode), model)
+    assert "in heave: check its heave thrusters" in text and "current" not in text

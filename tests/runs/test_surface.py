@@ -57,7 +57,7 @@ def test_a_start_at_the_surface_is_at_rest_there():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ("start.position=[-1.9, 0, 1]", "start.position: .* beyond the southern wall at -2 m"),
         ("start.position=[0, 0, 1.9]", "start.position: .* beyond the floor at 2 m"),
@@ -66,6 +66,6 @@ def test_a_start_at_the_surface_is_at_rest_there():
         ("mission={waypoints: [{position: [0, 0, 1]}, {position: [0, 9, 1]}]}", "waypoints\\[1\\].*eastern wall"),
     ],
 )
-def test_no_room_in_the_tank_is_said_before_the_flight(change, said):
-    with pytest.raises(ConfigError, match=said):
+def test_no_room_in_the_tank_is_said_before_the_flight(change, message):
+    with pytest.raises(ConfigError, match=message):
         compose(load_scenario("square", (*SET, change)))

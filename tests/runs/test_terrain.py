@@ -81,15 +81,15 @@ def test_what_the_hull_touched_is_told_with_times_and_durations():
 
 
 @pytest.mark.parametrize(
-    ("said", "change"),
+    ("message", "change"),
     [
         ("no altimeter on board", "sensors.altimeter=false"),
         ("no floor to be uneven", "world.floor=null"),
         ("beyond the floor at 4.4", "start.position=[0,0,4.6]"),
     ],
 )
-def test_what_cannot_be_is_refused(said, change):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_be_is_refused(message, change):
+    with pytest.raises(ConfigError, match=message):
         compose(load_scenario("terrain_following", [change]))
 
 
@@ -111,9 +111,9 @@ def test_an_altitude_over_no_floor_is_refused_though_the_vehicle_carries_the_alt
 def test_an_altimeter_over_no_floor_is_said_to_give_no_readings():
     """It carried one, the world had no floor, and nobody said why its channel stayed empty."""
     changes = ((), ["world.floor=9"], ["sensors.altimeter=false", "sensors.altimeter_2=false"])
-    said = [assumed_sensors(load_scenario("lawnmower_calm", change), with_altimeters(2)) or "" for change in changes]
-    assert "altimeter and altimeter_2 of v will give no readings: the world has no floor ('world.floor'" in said[0]
-    assert "no floor" not in said[1] + said[2]
+    texts = [assumed_sensors(load_scenario("lawnmower_calm", change), with_altimeters(2)) or "" for change in changes]
+    assert "altimeter and altimeter_2 of v will give no readings: the world has no floor ('world.floor'" in texts[0]
+    assert "no floor" not in texts[1] + texts[2]
 
 
 def test_with_the_first_altimeter_silenced_the_second_is_followed():

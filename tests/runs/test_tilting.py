@@ -17,30 +17,33 @@ ABEAM = "world.current=[0, 0.34, 0]"
 DIVE = "autopilot.control.dive_speed=0.43"  # its own, asked for
 
 
-def said(vehicle, *changes):
+def warnings_of(vehicle, *changes):
     return [line for line in lines(vehicle, *changes)[1] if "expected to" in line]
 
 
 def test_a_dive_that_rolls_the_disc_is_said_with_the_angle_and_what_helps():
     """Nothing was said; it rolled by 21 degrees in the current, and by 14 to 18 in calm water."""
-    (line,) = said(DISC, ABEAM, DIVE)
+    (line,) = warnings_of(DISC, ABEAM, DIVE)
     assert "at 0.43 m/s in a current of 0.34 m/s it is expected to roll by up to 20 deg" in line
     assert "attitude limit 60 deg" in line and "autopilot.control.dive_speed" in line
-    assert "roll by up to 20 deg" in said(DISC, DIVE)[0]
-    assert said(DISC, "autopilot.control.dive_speed=0.05") == []
-    assert "roll by up to" in said(DISC, "autopilot.supervisor.attitude_limit_deg=10", "sensors.position.noise=0.2")[0]
+    assert "roll by up to 20 deg" in warnings_of(DISC, DIVE)[0]
+    assert warnings_of(DISC, "autopilot.control.dive_speed=0.05") == []
+    assert (
+        "roll by up to"
+        in warnings_of(DISC, "autopilot.supervisor.attitude_limit_deg=10", "sensors.position.noise=0.2")[0]
+    )
 
 
 @pytest.mark.parametrize("vehicle", [DISC, "bluerov2", "gladius_mini", "lbv300", "sparus_ii", "tilt_six"])
 def test_a_speed_that_the_autopilot_chose_itself_is_not_warned_of_unless_a_limit_is_near(vehicle):
     """`fly` chose a dive's speed and then advised to dive slower."""
-    assert said(vehicle) == []
-    assert "attitude limit 20 deg" in said(vehicle, "autopilot.supervisor.attitude_limit_deg=20")[0]
+    assert warnings_of(vehicle) == []
+    assert "attitude limit 20 deg" in warnings_of(vehicle, "autopilot.supervisor.attitude_limit_deg=20")[0]
 
 
 def test_one_that_thrusters_keep_level_and_a_baseline_hear_nothing_of_it():
-    assert said("bluerov2_heavy", "world.current=[0, 0.3, 0]") == [] and said("double_blueye") == []
-    assert said(DISC, ABEAM, "autopilot=thesis") == []
+    assert warnings_of("bluerov2_heavy", "world.current=[0, 0.3, 0]") == [] and warnings_of("double_blueye") == []
+    assert warnings_of(DISC, ABEAM, "autopilot=thesis") == []
 
 
 def test_with_a_doppler_log_no_fix_pulls_it_aside_in_calm_water():

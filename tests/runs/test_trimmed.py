@@ -49,8 +49,8 @@ def test_uncommanded_it_keeps_its_depth_and_comes_to_rest_in_yaw(name):
 def test_only_what_sinks_is_ballasted_and_it_is_said():
     model = plant("bluerov2_heavy")
     assert float(model.buoyancy - model.weight) == pytest.approx(0.005 * float(model.weight), abs=1e-3)
-    _, said = trimmed(world_for("bluerov2_heavy", [], None))
-    assert "sinks with 0.981 N" in said and "--set world.net_buoyancy=0" in said
+    _, text = trimmed(world_for("bluerov2_heavy", [], None))
+    assert "sinks with 0.981 N" in text and "--set world.net_buoyancy=0" in text
     for words in (("bluerov2",), ("double_blueye",), ("bluerov2_heavy", "world.water=sea")):
         scenario = world_for(words[0], words[1:], None)
         assert trimmed(scenario) == (scenario, "")

@@ -103,7 +103,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("said", BAD)
-def test_batteries_that_cannot_be_are_refused(said):
-    with pytest.raises(ConfigError, match=said):
-        BAD[said]()
+@pytest.mark.parametrize("message", BAD)
+def test_batteries_that_cannot_be_are_refused(message):
+    with pytest.raises(ConfigError, match=message):
+        BAD[message]()

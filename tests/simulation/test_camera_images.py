@@ -143,14 +143,14 @@ WRONG = {
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("what", WRONG)
 def test_a_picture_through_another_lens_is_told_by_its_corners(what, kind):
-    lens, other, said = WRONG[what]
+    lens, other, text = WRONG[what]
     picture = picture_of(chess(), replace(LEFT, lens=lens), kind)
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=text):
         check_corners(picture, chess(), replace(LEFT, lens=other), kind)
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (lambda picture: np.full_like(picture, 128), "contrast"),
         (lambda picture: np.tile(np.uint8([20, 20, 20, 20, 200, 200, 200, 200]), (540, 120)), "start"),
@@ -159,9 +159,9 @@ def test_a_picture_through_another_lens_is_told_by_its_corners(what, kind):
     ],
     ids=["blank", "stripes", "principal point off by 12, 15", "by one pixel"],
 )
-def test_a_picture_without_the_corners_is_told(spoil, said):
+def test_a_picture_without_the_corners_is_told(spoil, message):
     camera = replace(LEFT, lens=PINHOLE)
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=message):
         check_corners(spoil(picture_of(chess(), camera, "raycast")), chess(), camera, "raycast")
 
 

@@ -104,7 +104,7 @@ def test_render_writes_a_picture(tmp_path, view):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["pool", "--at", "1,2"], "expected x,y,z,heading"),
         (["pool", "--at", "1,2,nan,0"], "expected finite numbers"),
@@ -113,9 +113,9 @@ def test_render_writes_a_picture(tmp_path, view):
         (["pool", "--scale", "0.05", "-o", "x.gif"], "ends in .png or .jpg"),
     ],
 )
-def test_render_says_what_it_cannot_take(words, said):
+def test_render_says_what_it_cannot_take(words, message):
     done = run(render, *words)
-    assert isinstance(done.exception, ConfigError) and said in str(done.exception)
+    assert isinstance(done.exception, ConfigError) and message in str(done.exception)
 
 
 def test_markers_writes_its_pages(tmp_path):

@@ -117,9 +117,9 @@ def test_leaks_come_and_go():
 
 def test_tethers_are_caught_by_name():
     faults = Faults(6, snags={"port_tether": [(0.1, 0.2)], "starboard_tether": [(0.0, np.inf)]})
-    said = [faults.step(jnp.zeros(6), FaultInput(Command(u_of(0)), k), DT)[1].snagged for k in (4, 5, 10)]
-    assert [bool(s["port_tether"]) for s in said] == [False, True, False]
-    assert all(bool(s["starboard_tether"]) for s in said)
+    texts = [faults.step(jnp.zeros(6), FaultInput(Command(u_of(0)), k), DT)[1].snagged for k in (4, 5, 10)]
+    assert [bool(s["port_tether"]) for s in texts] == [False, True, False]
+    assert all(bool(s["starboard_tether"]) for s in texts)
     with pytest.raises(ConfigError, match="port_tether"):
         Faults(6, snags={"port_tether": [(2.0, 1.0)]})
 
@@ -149,9 +149,9 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("said", BAD)
-def test_faults_that_cannot_be_are_refused(said):
-    with pytest.raises(ConfigError, match=said):
-        Faults(6, [BAD[said]])
+@pytest.mark.parametrize("message", BAD)
+def test_faults_that_cannot_be_are_refused(message):
+    with pytest.raises(ConfigError, match=message):
+        Faults(6, [BAD[message]])
     with pytest.raises(ConfigError, match="leaks"):
         Faults(6, leaks=[(2.0, 1.0)])

@@ -113,7 +113,7 @@ def test_a_mesh_file_is_placed_and_scaled(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         ({"objects": [{"name": "a"}]}, r"objects\[0\]: found none, expected one of box, cylinder, plane, mesh, wreck"),
         ({"objects": [BOX, BOX]}, "the name 'box' is given twice"),
@@ -127,8 +127,8 @@ def test_a_mesh_file_is_placed_and_scaled(tmp_path):
         ({"objects": [{"name": "a", "mesh": {"file": "no.stl"}}]}, "no.stl, which is no file"),
     ],
 )
-def test_what_cannot_be_is_named(data, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_be_is_named(data, message):
+    with pytest.raises(ConfigError, match=message):
         _ = scene_from_dict({"name": "s"} | data).meshes
 
 

@@ -43,9 +43,9 @@ def test_a_wrench_beyond_the_limits_keeps_its_direction(onboard, step):
     memory = onboard.init(jax.random.key(0), START)
     both = np.array([1.0, 0, 1.0, 0, 0, 1.0])
     _, out = step(memory, order(both), jnp.zeros(6), jnp.zeros(6), ALL)
-    wanted = both * np.asarray(onboard.largest)
+    expected = both * np.asarray(onboard.largest)
     np.testing.assert_allclose(
-        np.asarray(out.tau) * np.linalg.norm(wanted), wanted * np.linalg.norm(out.tau), atol=1e-6
+        np.asarray(out.tau) * np.linalg.norm(expected), expected * np.linalg.norm(out.tau), atol=1e-6
     )
     assert np.abs(out.command.u).max() <= 1.0 + 1e-9
 
@@ -64,8 +64,8 @@ def test_what_is_not_known_is_not_held_and_gives_nothing(onboard, step):
     memory = onboard.init(jax.random.key(0), START)
     deep = jnp.array([0, 0, 5.0, 0, 0, 0])
     blind = ALL & (jnp.arange(6) != 2)
-    wished = order((0, 0, 1.0, 0, 0, 0), (True, False, False, False))
-    memory, out = step(memory, wished, deep, jnp.zeros(6), blind)
+    expected = order((0, 0, 1.0, 0, 0, 0), (True, False, False, False))
+    memory, out = step(memory, expected, deep, jnp.zeros(6), blind)
     assert abs(float(out.tau[2])) < 1e-9 and not bool(memory.on[2])
     memory, _ = step(memory, order(holds=(True, False, False, False)), deep, jnp.zeros(6), ALL)
     assert float(memory.held[2]) == pytest.approx(5.0)

@@ -120,8 +120,8 @@ def test_power_lies_where_the_filter_puts_it(speed):
     expected = (K_w * w) ** 2 / ((omega_e**2 - w**2) ** 2 + (2 * DAMPING_RATIO * omega_e * w) ** 2)
     band = (w > 0.2 * omega_e) & (w < 3 * omega_e)
     # Neighbouring frequencies are averaged too: each of the bands below holds some 400 x 8 / 1.5 independent values.
-    measured, wanted = (x[band][: band.sum() // 8 * 8].reshape(-1, 8).mean(1) for x in (power, expected))
-    np.testing.assert_allclose(measured, wanted, rtol=0.10)
+    measured, desired = (x[band][: band.sum() // 8 * 8].reshape(-1, 8).mean(1) for x in (power, expected))
+    np.testing.assert_allclose(measured, desired, rtol=0.10)
     centre = w[band][: band.sum() // 8 * 8].reshape(-1, 8).mean(1)
     assert centre[measured.argmax()] == pytest.approx(omega_e, abs=0.11)
 

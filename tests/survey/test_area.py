@@ -100,9 +100,9 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("data, said", BAD.values(), ids=BAD)
-def test_bad_geojson_is_named(tmp_path, data, said):
-    with pytest.raises(ConfigError, match=said) as found:
+@pytest.mark.parametrize("data, message", BAD.values(), ids=BAD)
+def test_bad_geojson_is_named(tmp_path, data, message):
+    with pytest.raises(ConfigError, match=message) as found:
         read_area(written(tmp_path, data), HERE)
     assert str(found.value).startswith("area.geojson: ")
 
@@ -117,18 +117,18 @@ def test_bad_geojson_is_named(tmp_path, data, said):
         ("outline: [[0, 0], [90000, 0], [90000, 9]]", "reaches 90 km.*expected metres"),
     ],
 )
-def test_bad_metres_are_named(tmp_path, text, said):
-    with pytest.raises(ConfigError, match=said):
+def test_bad_metres_are_named(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
         read_area(written(tmp_path, text, "a.yaml"))
 
 
 def test_wrong_files_are_named(tmp_path):
-    for name, said in (
+    for name, message in (
         ("a.kml", "expected a GeoJSON"),
         ("none.geojson", "no such file"),
         ("none.yaml", "no such file"),
     ):
-        with pytest.raises(ConfigError, match=said):
+        with pytest.raises(ConfigError, match=message):
             read_area(tmp_path / name)
     (tmp_path / "b.geojson").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(ConfigError, match="not JSON text"):

@@ -169,6 +169,6 @@ def test_a_long_corridor_is_no_area_of_many_lines():
         (lambda: plan_survey(ROUND, SWATH, PACE, CLEARANCE), "area: found outlines of 4,001 corners, expected at most"),
     ],
 )
-def test_what_cannot_be_is_named(make, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_be_is_named(make, message):
+    with pytest.raises(ConfigError, match=message):
         make()

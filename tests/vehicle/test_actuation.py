@@ -30,7 +30,7 @@ def test_share_of_limits_is_that_of_a_linear_programme(seed):
         T = T[:, rng.integers(0, max(1, n // 2), n)]
     lowest, highest = -rng.uniform(0, 2, n) * (rng.random(n) > 0.2), rng.uniform(0.1, 2, n)
     tau = (T @ rng.normal(size=(n, 4))).T
-    expected = [by_programme(T, lowest, highest, wanted) for wanted in tau]
+    expected = [by_programme(T, lowest, highest, desired) for desired in tau]
     np.testing.assert_allclose(share_of_limits(T, lowest, highest, tau), expected, rtol=1e-6)
 
 

@@ -13,7 +13,7 @@ from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.analysis.stability import hang
 from rovtwin.vehicle.description.vehicle import Vehicle
-from rovtwin.vehicle.outfitting.ballast import LEAD, Stock, Wish, pieces_for, places_around
+from rovtwin.vehicle.outfitting.ballast import LEAD, BallastTarget, Stock, pieces_for, places_around
 from rovtwin.vehicle.outfitting.ballasted import Materials, ballast
 
 GRAVITY = 9.81
@@ -65,7 +65,7 @@ OVERRIDES = [
 @pytest.mark.parametrize("density", [None, 1000.0, 1025.0])
 def test_what_is_written_floats_as_wished(keys, density, tmp_path):
     path, out = written(tmp_path, **keys), tmp_path / "out.yaml"
-    found = ballast(path, Wish(2.0, True, 0.02), water_density=density, out=out)
+    found = ballast(path, BallastTarget(2.0, True, 0.02), water_density=density, out=out)
     assert 1 <= len(found["pieces"]) <= 4
     require(out, density, 2.0, True, 0.02)
     require(out, None, 2.0, True, 0.02)  # the file is written for that water
@@ -78,21 +78,21 @@ def test_what_is_written_floats_as_wished(keys, density, tmp_path):
 @pytest.mark.parametrize("name", ["double_blueye", "blueye_pioneer", "uhi"])
 def test_vehicles_of_the_library(name, tmp_path):
     out = tmp_path / "out.yaml"
-    ballast(name, Wish(1.5, True, 0.022), water_density=1025.0, out=out)
+    ballast(name, BallastTarget(1.5, True, 0.022), water_density=1025.0, out=out)
     require(out, None, 1.5, True, 0.022)
     assert f"part: {name}" in out.read_text()
 
 
 def test_without_shapes_places_are_around_the_thrusters_or_named(tmp_path):
     out = tmp_path / "around.yaml"
-    ballast("bluerov2", Wish(1.0, True), out=out)
+    ballast("bluerov2", BallastTarget(1.0, True), out=out)
     require(out, None, 1.0, True, None)
     (tmp_path / "bare.yaml").write_text("{name: bare, mass: 1, volume: 0.001, inertia: [1, 1, 1]}")
     with pytest.raises(ConfigError, match="neither a part with a shape nor a thruster.*--at"):
-        ballast(str(tmp_path / "bare.yaml"), Wish(1.0))
+        ballast(str(tmp_path / "bare.yaml"), BallastTarget(1.0))
     out = tmp_path / "out.yaml"
     places = [(x, y, z) for x in (-0.2, 0.2) for y in (-0.15, 0.15) for z in (-0.1, 0.1)]
-    ballast("bluerov2", Wish(1.0, True, 0.03), Materials(places=places), out=out)
+    ballast("bluerov2", BallastTarget(1.0, True, 0.03), Materials(places=places), out=out)
     require(out, None, 1.0, True, 0.03)
 
 
@@ -108,9 +108,9 @@ def test_no_other_pieces_weigh_less(seed):
     total = vehicle_from_dict({"name": "v", "parts": [hull]}).assembly
     net, bg = rng.uniform(-3, 3), rng.uniform(0.005, 0.03)
     places = rng.uniform(-0.25, 0.25, (7, 3))
-    wish, stock = Wish(net, True, bg), Stock(places, 30.0)
+    command, stock = BallastTarget(net, True, bg), Stock(places, 30.0)
     try:
-        pieces = pieces_for(total, wish, stock)
+        pieces = pieces_for(total, command, stock)
     except ConfigError:
         pytest.skip("out of reach")  # random places need not surround the hull
     mass = sum(p.mass for p in pieces)
@@ -151,7 +151,7 @@ def test_what_some_pieces_do_is_found_with_no_more_mass(seed):
         return GRAVITY * (total.density * volume - weight), low - high
 
     net, bg = floats(drawn, stock.densities, stock.positions)
-    pieces = pieces_for(total, Wish(net, False, bg), stock)
+    pieces = pieces_for(total, BallastTarget(net, False, bg), stock)
     mass = np.array([p.mass for p in pieces])
     found = floats(mass, np.array([p.density for p in pieces]), np.array([p.position for p in pieces]).reshape(-1, 3))
     assert found == pytest.approx((net, bg), abs=1e-6)
@@ -162,7 +162,7 @@ def test_one_weight_by_hand():
     """A neutral body made 3 N heavy: lead that weighs 3 N in water, low and in the middle."""
     hull = {"name": "hull", "mass": 8.0, "volume": 0.008, "shape": {"box": [0.4, 0.2, 0.1]}}
     vehicle = vehicle_from_dict({"name": "v", "parts": [hull]})
-    (piece,) = pieces_for(vehicle.assembly, Wish(-3.0, True), Stock(around(vehicle), 2.0))
+    (piece,) = pieces_for(vehicle.assembly, BallastTarget(-3.0, True), Stock(around(vehicle), 2.0))
     assert piece.material == "lead" and piece.position == (0.0, 0.0, 0.05)
     assert piece.mass == pytest.approx(3.0 / GRAVITY / (1 - 1000 / LEAD), rel=1e-12)
 
@@ -170,10 +170,10 @@ def test_one_weight_by_hand():
 def test_foam_goes_up_and_the_rest_stays():
     vehicle = load_vehicle("blueye_pioneer")
     stock = Stock(around(vehicle), 2.0)
-    (foam,) = pieces_for(vehicle.assembly, Wish(4.0), stock)
+    (foam,) = pieces_for(vehicle.assembly, BallastTarget(4.0), stock)
     assert foam.material == "foam" and foam.position[2] < 0
     assert foam.volume == pytest.approx(4.0 / GRAVITY / (1000 - 200), rel=1e-12)
-    assert pieces_for(vehicle.assembly, Wish(0.0, True, 0.025), stock) == []
+    assert pieces_for(vehicle.assembly, BallastTarget(0.0, True, 0.025), stock) == []
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -181,65 +181,69 @@ def test_what_is_said_to_be_reachable_is(seed, tmp_path):
     """Just inside the limit that the message names there is an answer, just outside there is none."""
     rng = np.random.default_rng(seed)
     path = written(tmp_path, restoring={"net_buoyancy": float(rng.uniform(-2, 2))})
-    total, wish = load_vehicle(path).assembly, Wish(float(rng.uniform(-4, 4)), bool(rng.integers(2)))
+    total, command = load_vehicle(path).assembly, BallastTarget(float(rng.uniform(-4, 4)), bool(rng.integers(2)))
     stock = Stock(around(load_vehicle(path)), float(rng.uniform(1.0, 4.0)))
     with pytest.raises(ConfigError, match="at most [0-9.]+ mm can be reached") as caught:
-        pieces_for(total, replace(wish, metacentric_height=0.5), stock)
+        pieces_for(total, replace(command, metacentric_height=0.5), stock)
     limit = float(str(caught.value).split(" mm can be reached")[0].split()[-1]) / 1000
-    assert pieces_for(total, replace(wish, metacentric_height=limit * 0.999), stock)
+    assert pieces_for(total, replace(command, metacentric_height=limit * 0.999), stock)
     with pytest.raises(ConfigError):
-        pieces_for(total, replace(wish, metacentric_height=limit * 1.001), stock)
+        pieces_for(total, replace(command, metacentric_height=limit * 1.001), stock)
     with pytest.raises(ConfigError, match=r"net buoyancy 5000 N: .* to [0-9.]+ N can be reached") as caught:
-        pieces_for(total, Wish(5000.0), stock)
+        pieces_for(total, BallastTarget(5000.0), stock)
     limit = float(str(caught.value).split(" N can be reached")[0].split()[-1])
-    assert pieces_for(total, Wish(limit - 0.1), stock)
+    assert pieces_for(total, BallastTarget(limit - 0.1), stock)
 
 
 def test_one_place_cannot_level(tmp_path):
     with pytest.raises(ConfigError, match=r"level: with 1 place .* the best is roll .* pitch .* deg"):
-        ballast(written(tmp_path), Wish(level=True), Materials(places=[(0.2, 0.0, 0.0)]))
+        ballast(written(tmp_path), BallastTarget(level=True), Materials(places=[(0.2, 0.0, 0.0)]))
 
 
 @pytest.mark.parametrize(
-    ("wish", "keys", "said"),
+    ("command", "keys", "message"),
     [
-        (Wish(), {}, "nothing is asked for"),
-        (Wish(metacentric_height=-0.01), {}, "capsizes"),
-        (Wish(metacentric_height=20.0), {}, "did you mean 20mm"),
-        (Wish(1.0), {"water_density": 1.025}, "expected 900 to 1100"),
-        (Wish(1.0), {"materials": Materials(foam_density=1100.0)}, "expected foam that floats"),
-        (Wish(1.0), {"materials": Materials(weight_density=900.0)}, "weights that sink"),
-        (Wish(1.0), {"materials": Materials(places=[(200.0, 0, 0)])}, "did you mean 200mm"),
+        (BallastTarget(), {}, "nothing is asked for"),
+        (BallastTarget(metacentric_height=-0.01), {}, "capsizes"),
+        (BallastTarget(metacentric_height=20.0), {}, "did you mean 20mm"),
+        (BallastTarget(1.0), {"water_density": 1.025}, "expected 900 to 1100"),
+        (BallastTarget(1.0), {"materials": Materials(foam_density=1100.0)}, "expected foam that floats"),
+        (BallastTarget(1.0), {"materials": Materials(weight_density=900.0)}, "weights that sink"),
+        (BallastTarget(1.0), {"materials": Materials(places=[(200.0, 0, 0)])}, "did you mean 200mm"),
     ],
 )
-def test_wishes_that_make_no_sense(wish, keys, said, tmp_path):
-    with pytest.raises(ConfigError, match=said):
-        ballast(written(tmp_path), wish, **keys)
+def test_wishes_that_make_no_sense(command, keys, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
+        ballast(written(tmp_path), command, **keys)
 
 
 def test_nothing_is_overwritten_and_the_part_is_found_from_elsewhere(tmp_path):
     path = written(tmp_path)
     before = path.read_text()
-    for out, said in ((path, "exists already"), (tmp_path / "x.txt", ".yaml"), (tmp_path / "no" / "x.yaml", "folder")):
-        with pytest.raises(ConfigError, match=said):
-            ballast(path, Wish(1.0), out=out)
+    for out, message in (
+        (path, "exists already"),
+        (tmp_path / "x.txt", ".yaml"),
+        (tmp_path / "no" / "x.yaml", "folder"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            ballast(path, BallastTarget(1.0), out=out)
     assert path.read_text() == before and list(tmp_path.iterdir()) == [path]
     (tmp_path / "deeper").mkdir()
-    ballast(path, Wish(1.0), out=tmp_path / "deeper" / "x.yaml")
+    ballast(path, BallastTarget(1.0), out=tmp_path / "deeper" / "x.yaml")
     require(tmp_path / "deeper" / "x.yaml", None, 1.0)
 
 
 def test_a_file_beside_that_shadows_the_library_is_not_taken(tmp_path):
     (tmp_path / "uhi.yaml").write_text(yaml.safe_dump({"name": "other", "parts": [BOX]}))
-    ballast("uhi", Wish(1.0), out=tmp_path / "x.yaml")
+    ballast("uhi", BallastTarget(1.0), out=tmp_path / "x.yaml")
     require(tmp_path / "x.yaml", None, 1.0)
     assert load_vehicle(tmp_path / "x.yaml").assembly.solid.mass < 6.0
 
 
 def test_rounded_pieces_are_in_steps_and_say_what_remains(tmp_path):
     path, out = written(tmp_path), tmp_path / "out.yaml"
-    wish = Wish(2.0, True, 0.02)
-    exact, rounded = ballast(path, wish), ballast(path, wish, step=0.01, out=out)
+    command = BallastTarget(2.0, True, 0.02)
+    exact, rounded = ballast(path, command), ballast(path, command, step=0.01, out=out)
     for piece in rounded["pieces"]:
         steps = piece["mass_kg"] / 0.01 if piece["material"] == "lead" else piece["volume_m3"] / 1e-5
         assert steps == pytest.approx(round(steps), abs=1e-9) and steps >= 1
@@ -253,10 +257,12 @@ def test_notes_tell_what_was_not_meant(tmp_path):
     high = {"center_of_gravity": [0.0, 0.0, -0.03]}
     capsizing = tmp_path / "capsizing.yaml"
     capsizing.write_text(yaml.safe_dump({"name": "c", "parts": [BOX | high]}))
-    assert any("capsizes" in note for note in ballast(capsizing, Wish(0.0))["notes"])
-    assert any("level" in note for note in ballast(written(tmp_path), Wish(0.0))["notes"])
-    assert any("lowered" in note for note in ballast(written(tmp_path), Wish(metacentric_height=0.01))["notes"])
-    assert ballast(written(tmp_path), Wish(0.0, True, 0.03))["notes"] == []
+    assert any("capsizes" in note for note in ballast(capsizing, BallastTarget(0.0))["notes"])
+    assert any("level" in note for note in ballast(written(tmp_path), BallastTarget(0.0))["notes"])
+    assert any(
+        "lowered" in note for note in ballast(written(tmp_path), BallastTarget(metacentric_height=0.01))["notes"]
+    )
+    assert ballast(written(tmp_path), BallastTarget(0.0, True, 0.03))["notes"] == []
 
 
 def test_box_around_turned_shapes():

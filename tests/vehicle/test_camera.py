@@ -99,6 +99,6 @@ def test_a_port_that_cannot_be_is_refused():
     data = load_vehicle("double_blueye").to_dict()
     first = next(part for part in data["parts"] if part.get("cameras"))
     first["cameras"][0]["port"] = {"distance": -0.03, "water": 0.9}
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as error:
         vehicle_from_dict(data, "wrong")
-    assert "port.distance" in str(told.value) and "port.water" in str(told.value)
+    assert "port.distance" in str(error.value) and "port.water" in str(error.value)

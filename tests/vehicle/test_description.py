@@ -247,8 +247,8 @@ def test_tables_of_different_commands_share_one_grid_without_loss():
         np.testing.assert_allclose(force_of(arrays, np.full(3, u)), forces, atol=1e-12)
     np.testing.assert_allclose(arrays.force_ahead, [8, 10, 6])
     np.testing.assert_allclose(arrays.force_astern, [4, 10, 3])
-    wanted = np.array([5.0, -4.0, 2.0])
-    np.testing.assert_allclose(force_of(arrays, command_of(arrays, wanted)), wanted, atol=1e-9)
+    expected = np.array([5.0, -4.0, 2.0])
+    np.testing.assert_allclose(force_of(arrays, command_of(arrays, expected)), expected, atol=1e-9)
 
 
 def test_voltage_is_interpolated_between_tables():
@@ -471,7 +471,7 @@ def test_uncontrollable_directions_that_are_no_axis():
 
 
 @pytest.mark.parametrize(
-    ("keys", "said"),
+    ("keys", "message"),
     [
         ({"thrusters": []}, "no thrusters"),
         ({"thrusters": [thruster()]}, "allocation has rank 1 of 6: no thruster reaches"),
@@ -553,12 +553,12 @@ def test_uncontrollable_directions_that_are_no_axis():
         ({"hydrodynamics": {"linear_damping": [0] * 6, "quadratic_damping": [0] * 6}}, "sway has no damping at all"),
     ],
 )
-def test_findings(keys, said, tmp_path):
+def test_findings(keys, message, tmp_path):
     import yaml
 
     path = tmp_path / "v.yaml"
     path.write_text(yaml.safe_dump({"name": "v", "description": "d", **BALL, **keys}))
-    assert any(said in line for line in check(path).findings), check(path)
+    assert any(message in line for line in check(path).findings), check(path)
 
 
 @pytest.mark.parametrize(
@@ -621,7 +621,7 @@ def four(*angles):
 
 
 @pytest.mark.parametrize(
-    ("thrusters", "said"),
+    ("thrusters", "message"),
     [
         (four(0.611, -0.611, -0.611, 0.611), "v: the angles of its thrusters, 0.611 deg, look like radians: 35 deg?"),
         (four(0.785, -0.785, 2.356, -2.356), "0.785, 2.356 deg, look like radians: 45, 135 deg?"),
@@ -629,9 +629,9 @@ def four(*angles):
         (four(1, -1, -1, 1), "make 0.7 N in sway, 1.7 % of those in surge: are their directions right"),
     ],
 )
-def test_angles_in_radians_are_seen(thrusters, said, tmp_path):
+def test_angles_in_radians_are_seen(thrusters, message, tmp_path):
     found = checked({"thrusters": thrusters}, tmp_path)
-    assert any(said in line for line in found.findings), found
+    assert any(message in line for line in found.findings), found
     assert "units look wrong (angles of thrusters)" in found.reservations
 
 
@@ -650,12 +650,12 @@ def checked(keys, tmp_path):
 
 
 def test_verdicts_on_the_library():
-    said = {
+    text = {
         name: check(name).verdict for name in ("double_blueye", "double_blueye_thesis", "bluerov2", "bluerov2_heavy")
     }
     # Its published weight and buoyancy are 1 N apart.
-    assert said.pop("bluerov2_heavy") == "usable, but: it sinks with 0.981 N"
-    assert set(said.values()) == {"usable"}
+    assert text.pop("bluerov2_heavy") == "usable, but: it sinks with 0.981 N"
+    assert set(text.values()) == {"usable"}
 
 
 def test_the_example_of_the_docs_loads(tmp_path):

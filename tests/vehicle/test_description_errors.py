@@ -160,26 +160,26 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_bad_vehicle_file(case, tmp_path):
-    changes, said = CASES[case]
+    changes, text = CASES[case]
     path = tmp_path / "v.yaml"
     path.write_text(yaml.safe_dump(GOOD | changes))
     with pytest.raises(ConfigError) as error:
         load_vehicle(path).model()
-    assert said in str(error.value)
+    assert text in str(error.value)
     assert len(str(error.value).splitlines()) == 1
     assert str(error.value).startswith("v.yaml: ") or str(tmp_path) in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("double_bluey", "Did you mean 'double_blueye'?"),
         ("no/such.yaml", "no such file"),
         ("nothing_like_it_at_all", "Known: .*bluerov2_heavy.* double_blueye.* dvl_a50"),
     ],
 )
-def test_a_vehicle_that_is_not_there(name, said):
-    with pytest.raises(ConfigError, match=said.replace("?", r"\?")):
+def test_a_vehicle_that_is_not_there(name, message):
+    with pytest.raises(ConfigError, match=message.replace("?", r"\?")):
         load_vehicle(name)
 
 
@@ -203,7 +203,7 @@ def test_mistakes_in_a_part_file_name_that_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("PWM,Force\n1,2\n3,4\n5,6\n", "found columns pwm, force; expected also voltage"),
         ("PWM,Voltage,Force\n1100,16,-4\n1500,16,x\n1900,16,5\n", "line 3: found '1500,16,x', expected numbers"),
@@ -215,13 +215,13 @@ def test_mistakes_in_a_part_file_name_that_file(tmp_path):
         ("PWM,Voltage,Force\n1100,0,-4\n1500,0,0\n1900,0,5\n", "found a voltage of 0 V, expected more than 0"),
     ],
 )
-def test_bad_thrust_tables(text, said, tmp_path):
+def test_bad_thrust_tables(text, message, tmp_path):
     (tmp_path / "t.csv").write_text(text)
     data = GOOD | {"thrusters": [{"name": "t", "direction": [1, 0, 0], "curve": {"table": "t.csv"}}]}
     (tmp_path / "v.yaml").write_text(yaml.safe_dump(data))
     with pytest.raises(ConfigError) as error:
         load_vehicle(tmp_path / "v.yaml").model()
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert str(error.value).startswith("v.yaml: thrusters[0].curve.table: ")
 
 

@@ -35,8 +35,8 @@ def test_every_device_is_described_in_full(name):
     assert total.volume <= sum(np.prod(box.size) for box in total.boxes) * (1 + 1e-9)
     assert 150 < total.solid.mass / total.volume < 11400
     assert any(body.visuals for _, body in bodies(device.file, name))
-    said = read_yaml(DEVICES / f"{name}.yaml")["sources"]
-    assert {"mass", "parts"} & set(said) or "shape" in said or name == "uhi_with_lamps"
+    text = read_yaml(DEVICES / f"{name}.yaml")["sources"]
+    assert {"mass", "parts"} & set(text) or "shape" in text or name == "uhi_with_lamps"
     assert sources(device)
     if name != "uhi":  # its draw is in what the Pioneers are estimated to need
         assert device.file.power is not None

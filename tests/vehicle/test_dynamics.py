@@ -258,7 +258,7 @@ def test_single_precision_stays_single_where_a_batch_asks_for_it(around):
     start = State.at(model, Start.at((0.0, 0.0, 1.0)))
     double = (model, start, Command(jnp.full(model.thrusters.count, 0.3)), water)
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32) if leaf.dtype == float else leaf, double)
-    after, wanted = plant_step(*single, 0.01), plant_step(*double, 0.01)
-    for one, other in zip(jax.tree.leaves(after), jax.tree.leaves(wanted), strict=True):
+    after, expected = plant_step(*single, 0.01), plant_step(*double, 0.01)
+    for one, other in zip(jax.tree.leaves(after), jax.tree.leaves(expected), strict=True):
         assert one.dtype == jnp.float32
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)

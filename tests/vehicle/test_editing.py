@@ -33,8 +33,8 @@ FILES = {
 def test_a_part_is_added_and_removed_again(text):
     data = parse_yaml(text, "v.yaml")
     longer = with_parts(text, [DVL, {"name": "lamp", "mass": 0.4}], "v.yaml")
-    wanted = data | {"parts": [*data["parts"], DVL, {"name": "lamp", "mass": 0.4}]}
-    assert parse_yaml(longer, "v.yaml") == wanted
+    expected = data | {"parts": [*data["parts"], DVL, {"name": "lamp", "mass": 0.4}]}
+    assert parse_yaml(longer, "v.yaml") == expected
     back = without_part(without_part(longer, "lamp", "v.yaml"), "dvl", "v.yaml")
     assert back.rstrip() == text.rstrip()
 
@@ -92,10 +92,10 @@ def test_an_edit_that_would_change_something_else_is_refused():
         ("parts: [", "r", "not YAML"),
     ],
 )
-def test_what_cannot_be_edited_is_said(text, name, said):
+def test_what_cannot_be_edited_is_said(text, name, message):
     with pytest.raises(ConfigError) as error:
         without_part(text, name, "v.yaml")
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_data_is_written_short_and_read_back():

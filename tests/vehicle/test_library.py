@@ -84,7 +84,7 @@ def test_every_vehicle_floats_upright_moves_and_is_in_the_docs(name):
 def test_every_thruster_and_total_has_a_source_or_is_called_an_estimate(name):
     file = load_vehicle(name).file
 
-    def said(body, key):
+    def result_of(body, key):
         return bool(body.source or key in body.sources or any(key in word for word in body.sources))
 
     def walk(body, inherited=False):
@@ -92,7 +92,7 @@ def test_every_thruster_and_total_has_a_source_or_is_called_an_estimate(name):
         if body.mass is not None or body.shape is not None:
             assert known, f"{name}: mass or shape without a source"
         for thruster in body.thrusters:
-            assert thruster.source or said(body, "thrusters"), f"{name}: {thruster.name}"
+            assert thruster.source or result_of(body, "thrusters"), f"{name}: {thruster.name}"
         for part in body.parts:
             walk(part, known)
 

@@ -171,7 +171,7 @@ def leaking():
 
 
 @pytest.mark.parametrize(
-    ("mesh", "said"),
+    ("mesh", "message"),
     [
         (leaking, r"my.yaml: shape.mesh: hull.stl: the surface is not closed: 3 open edges .*Close it in the CAD"),
         (lambda: make.box(1000 * np.array(BOX)), r"a body 600 m long, expected 0.005 to 20 m; give scale: 0.001,"),
@@ -180,22 +180,22 @@ def leaking():
     ],
     ids=["leaks", "millimetres", "centimetres", "tiny"],
 )
-def test_a_mesh_that_is_no_hull_is_named_with_the_fix(tmp_path, mesh, said):
-    with pytest.raises(ConfigError, match=said):
+def test_a_mesh_that_is_no_hull_is_named_with_the_fix(tmp_path, mesh, message):
+    with pytest.raises(ConfigError, match=message):
         load_vehicle(hull_file(tmp_path, mesh()))
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("empty.stl", "solid nothing\nendsolid nothing\n", "found no triangles|not readable as a mesh"),
         ("broken.stl", "no mesh at all", "found no triangles|not readable as a mesh"),
         ("hull.step", "ISO-10303-21;", r"found the ending '.step', expected one of .stl"),
     ],
 )
-def test_a_file_that_is_no_mesh_is_named(tmp_path, name, content, said):
+def test_a_file_that_is_no_mesh_is_named(tmp_path, name, content, message):
     (tmp_path / name).write_text(content)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         vehicle_from_dict({"name": "v", "shape": {"mesh": name}}, folder=tmp_path)
 
 
@@ -232,7 +232,7 @@ def millimetres(folder, sensor, rov):
 
 
 @pytest.mark.parametrize(
-    ("sensor", "rov", "said"),
+    ("sensor", "rov", "message"),
     [
         ({"mass": 0.02}, {}, "displaces 3888000 kg of water and its mass is 0.02 kg"),
         ({}, {}, "displaces 3888000 kg of water and the whole vehicle weighs 72 kg"),
@@ -240,9 +240,9 @@ def millimetres(folder, sensor, rov):
     ],
     ids=["mass", "whole", "length"],
 )
-def test_a_small_mesh_in_millimetres_is_said(tmp_path, sensor, rov, said):
+def test_a_small_mesh_in_millimetres_is_said(tmp_path, sensor, rov, message):
     (line,) = millimetres(tmp_path, dict(sensor), rov)
-    assert "sensor: its mesh" in line and said in line
+    assert "sensor: its mesh" in line and message in line
 
 
 def test_a_mesh_with_a_scale_or_of_its_mass_is_not_doubted(tmp_path):

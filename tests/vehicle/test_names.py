@@ -59,11 +59,11 @@ def test_two_vehicles_or_a_body_with_its_own_thrusters_need_the_long_names():
 
 
 def test_a_file_may_say_otherwise():
-    said = {"name": "my", "parts": [{"name": "rov", "part": "blueye_pioneer", "keeps_names": False}]}
-    assert vehicle_from_dict(said).thruster_names[0] == "rov.surge"
+    text = {"name": "my", "parts": [{"name": "rov", "part": "blueye_pioneer", "keeps_names": False}]}
+    assert vehicle_from_dict(text).thruster_names[0] == "rov.surge"
     booster = {"name": "booster", "mass": 1.0, "thrusters": [THRUSTER]}
-    said = {"name": "my", "parts": [{"name": "rov", "part": "blueye_pioneer", "keeps_names": True}, booster]}
-    assert vehicle_from_dict(said).thruster_names == ["surge", "sway", "heave", "booster.surge"]
+    text = {"name": "my", "parts": [{"name": "rov", "part": "blueye_pioneer", "keeps_names": True}, booster]}
+    assert vehicle_from_dict(text).thruster_names == ["surge", "sway", "heave", "booster.surge"]
 
 
 def test_where_two_would_have_one_name_the_inner_keeps_the_long_one():

@@ -74,8 +74,8 @@ def test_the_double_blueye_has_one_in_each_unit():
 @pytest.mark.parametrize(
     "battery, said", [({"capacity_wh": 0}, "greater than 0"), ({}, "missing"), ({"capacity": 3}, "capacity_wh")]
 )
-def test_a_battery_that_cannot_be_is_refused(battery, said):
-    with pytest.raises(ConfigError, match=said):
+def test_a_battery_that_cannot_be_is_refused(battery, message):
+    with pytest.raises(ConfigError, match=message):
         vehicle_from_dict(vehicle(battery=battery))
 
 

@@ -160,10 +160,10 @@ def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
         (("double_blueye", "dvl_a50", [-200, 0, 160]), "expected its place in metres, -0.2,0,0.16"),
     ],
 )
-def test_mistakes_are_said_with_the_fix(asked, said):
+def test_mistakes_are_said_with_the_fix(asked, message):
     with pytest.raises(ConfigError) as error:
         add(*asked)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_a_part_that_is_not_there(own):

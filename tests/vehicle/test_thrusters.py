@@ -68,10 +68,10 @@ def test_force_for_a_wanted_force(thrusters, share):
     low, high = map(np.asarray, force_limits(thrusters))
     np.testing.assert_allclose(high, thrusters.force_ahead)
     np.testing.assert_allclose(low, -thrusters.force_astern)
-    wanted = np.where(np.array(share) >= 0, high, -low) * share
-    u = np.asarray(invert(thrusters, wanted))
+    expected = np.where(np.array(share) >= 0, high, -low) * share
+    u = np.asarray(invert(thrusters, expected))
     assert (np.abs(u) <= 1).all()
-    np.testing.assert_allclose(settle(thrusters, u), np.clip(wanted, low, high), atol=1e-6)
+    np.testing.assert_allclose(settle(thrusters, u), np.clip(expected, low, high), atol=1e-6)
 
 
 @given(kinds, st.lists(unit, min_size=N, max_size=N), st.floats(0.0, 0.5))

@@ -105,7 +105,7 @@ def test_a_mesh_is_found_beside_the_file_that_names_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("visual", "said"),
+    ("visual", "message"),
     [
         ({}, "found none, expected one of box"),
         ({"sphere": 0.1, "box": [1, 1, 1]}, "found box and sphere"),
@@ -113,6 +113,6 @@ def test_a_mesh_is_found_beside_the_file_that_names_it(tmp_path):
         ({"sphere": 0.1, "colour": [1, 2, 3]}, "each 0 to 1"),
     ],
 )
-def test_looks_that_cannot_be_are_named(visual, said):
-    with pytest.raises(ConfigError, match=said):
+def test_looks_that_cannot_be_are_named(visual, message):
+    with pytest.raises(ConfigError, match=message):
         vehicle_from_dict({"name": "v", "visuals": [visual]})

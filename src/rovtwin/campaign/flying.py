@@ -47,7 +47,7 @@ def fly_samples(
             require_feasible(run.scenario, run.loop.twin.model)
             runs[index] = run
         except (RovtwinError, ArithmeticError, ValueError) as error:  # one bad sample must not ground the others
-            rows[index] = row_of_failure(index, draws(campaign, index), _said(error))
+            rows[index] = row_of_failure(index, draws(campaign, index), _error_text(error))
     numbers = list(runs)
     for group in same_program(list(runs.values())):
         rows |= _fly_group(campaign, {numbers[i]: runs[numbers[i]] for i in group}, lanes, look)
@@ -76,7 +76,7 @@ def _fly_group(campaign: Campaign, runs: dict[int, Simulation], lanes: int, look
             padded = [*runs.values(), *[next(iter(runs.values()))] * (lanes - len(runs))]
             summaries = score_together(padded, lambda *_: look())[: len(runs)]
     except (RovtwinError, ArithmeticError, ValueError) as error:  # numpy's LinAlgError is a ValueError
-        summaries = [_said(error)] * len(runs)
+        summaries = [_error_text(error)] * len(runs)
     rows = {}
     for index, summary in zip(runs, summaries, strict=True):
         drawn = draws(campaign, index)
@@ -86,6 +86,6 @@ def _fly_group(campaign: Campaign, runs: dict[int, Simulation], lanes: int, look
     return rows
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     text = str(error).splitlines()[0] if str(error) else type(error).__name__
     return text if isinstance(error, RovtwinError) else f"{type(error).__name__}: {text}"

@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from rovtwin.core.config import near, said_kind
+from rovtwin.core.config import kind_in_words, near
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.schema import Waypoint
 
@@ -46,71 +46,71 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
     places: list[tuple[Any, str]] = [(data, "")]
     *ahead, last = steps_of(path, where)
     for step in ahead:
-        places = [(here[k], _said(said, k)) for here, said in places for k in _keys(here, step, said, where)]
-    for here, said in places:
-        for key in _keys(here, last, said, where, new=_may_be_new(said, last)):
-            _require_no_sum(here, said, key, where)
+        places = [(here[k], _joined(written, k)) for here, written in places for k in _keys(here, step, written, where)]
+    for here, written in places:
+        for key in _keys(here, last, written, where, new=_may_be_new(written, last)):
+            _require_no_sum(here, written, key, where)
             found = here.get(key) if isinstance(here, dict) else here[key]
             if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
                 within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
                 raise ConfigError(
-                    f"{where}: {_said(said, key)} is {said_kind(found)}, expected a number's path; name one of {within}"
-                    " in it"
+                    f"{where}: {_joined(written, key)} is {kind_in_words(found)}, expected a number's path; "
+                    f"name one of {within} in it"
                 )
             here[key] = value
 
 
-def _keys(here: Any, step: str | int, said: str, where: str, new: bool = False) -> list[Any]:
+def _keys(here: Any, step: str | int, path: str, where: str, new: bool = False) -> list[Any]:
     """Keys that a step means: one, or all numbers of a list for "*".
 
     A `new` key need not be there yet, see `_may_be_new`.
     """
     if here is None:
-        hint = f"; switch it on: set: {{{said}: {SWITCHES[said]}}}" if said in SWITCHES else ""
-        raise ConfigError(f"{where}: the scenario has no {said}{hint}")
+        hint = f"; switch it on: set: {{{path}: {SWITCHES[path]}}}" if path in SWITCHES else ""
+        raise ConfigError(f"{where}: the scenario has no {path}{hint}")
     if isinstance(here, list) and step == "*":
         return list(range(len(here)))
     if isinstance(here, list) and isinstance(step, int):
         if step >= len(here):
-            raise ConfigError(f"{where}: {said} has {len(here)} elements, counted from 0; there is no {said}[{step}]")
+            raise ConfigError(f"{where}: {path} has {len(here)} elements, counted from 0; there is no {path}[{step}]")
         return [step]
     if isinstance(here, dict) and isinstance(step, str) and step != "*":
         if step not in here and not new:
-            raise ConfigError(f"{where}: {_said(said, step)}: no such key.{near(step, here)}")
+            raise ConfigError(f"{where}: {_joined(path, step)}: no such key.{near(step, here)}")
         return [step]
-    wanted = "a list" if not isinstance(step, str) or step == "*" else "a mapping"
+    expected = "a list" if not isinstance(step, str) or step == "*" else "a mapping"
     raise ConfigError(
-        f"{where}: {said or 'the scenario'} is {said_kind(here)}, expected {wanted} for the path to go on"
+        f"{where}: {path or 'the scenario'} is {kind_in_words(here)}, expected {expected} for the path to go on"
     )
 
 
-def _require_no_sum(here: Any, said: str, key: Any, where: str) -> None:
+def _require_no_sum(here: Any, path: str, key: Any, where: str) -> None:
     """What parts add up to is not set from above: a mass of the whole would be one more body, at the origin.
 
     Raises:
         ConfigError: It is one of those, with the parts that have it.
     """
-    if said.split(".")[0] != "vehicle" or key not in ADDED_UP or key in here or not here.get("parts"):
+    if path.split(".")[0] != "vehicle" or key not in ADDED_UP or key in here or not here.get("parts"):
         return
-    found = [f"{said}.parts[{i}].{key} ({part.get('name', 'without a name')})"
+    found = [f"{path}.parts[{i}].{key} ({part.get('name', 'without a name')})"
              for i, part in enumerate(here["parts"]) if key in part]  # fmt: skip
     instead = f"name {' or '.join(found)}" if found else "its parts are files: change them, or choose among vehicles"
     raise ConfigError(
-        f"{where}: {said}.{key} is what its parts add up to, and another would be added to them; {instead}"
+        f"{where}: {path}.{key} is what its parts add up to, and another would be added to them; {instead}"
     )
 
 
-def _may_be_new(said: str, key: str | int) -> bool:
-    """Whether a key need not be there yet below what is `said`: what the vehicle fills in is left out of a mission.
+def _may_be_new(path: str, key: str | int) -> bool:
+    """Whether a key need not be there yet below what is `path`: what the vehicle fills in is left out of a mission.
 
     A vehicle's data holds no defaults, and its own schema says what it knows.
     """
-    if said.startswith("mission.waypoints["):
+    if path.startswith("mission.waypoints["):
         return key in Waypoint.model_fields
-    return said.startswith("vehicle") or (not said and key == "duration")
+    return path.startswith("vehicle") or (not path and key == "duration")
 
 
-def _said(before: str, step: str | int) -> str:
+def _joined(before: str, step: str | int) -> str:
     if isinstance(step, int):
         return f"{before}[{step}]"
     return f"{before}.{step}" if before else step

@@ -135,7 +135,7 @@ def run_campaign(
         table = store.gather()
     # An earlier session may have flown more samples than this one asks for.
     table = table.slice(0, int(np.searchsorted(table["index"].to_numpy(), campaign.samples)))
-    return Session(folder, campaign, table, flown, time.monotonic() - began, "" if crew is None else crew.said)
+    return Session(folder, campaign, table, flown, time.monotonic() - began, "" if crew is None else crew.description)
 
 
 def write_csv(session: Session) -> Path:

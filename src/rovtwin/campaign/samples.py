@@ -43,19 +43,19 @@ def scenario_at(campaign: Campaign, index: int) -> Scenario:
     try:
         return scenario_of(data, where)
     except ConfigError as error:
-        said = ", ".join(f"{path} = {value:.6g}" if isinstance(value, float) else f"{path} = {value}"
+        values = ", ".join(f"{path} = {value:.6g}" if isinstance(value, float) else f"{path} = {value}"
                          for path, value in drawn.items())  # fmt: skip
-        raise ConfigError(f"{error}\n{where} drew {said}; choose distributions that stay within limits") from None
+        raise ConfigError(f"{error}\n{where} drew {values}; choose distributions that stay within limits") from None
 
 
-def tasks(campaign: Campaign, wanted: list[int], lanes: int) -> list[list[int]]:
+def tasks(campaign: Campaign, numbers: list[int], lanes: int) -> list[list[int]]:
     """Samples in portions of at most `lanes` that will likely fly by one compiled program, in order of number.
 
     What is chosen from a list (an autopilot, a switch) may change the program; what is a mere number hardly ever does.
     """
     chosen = [path for path, distribution in campaign.vary.items() if isinstance(distribution, Choice)]
     groups: dict[Any, list[int]] = {}
-    for index in wanted:
+    for index in numbers:
         drawn = draws(campaign, index) if chosen and lanes > 1 else {}
         groups.setdefault(tuple(drawn[path] for path in chosen) if drawn else (), []).append(index)
     portions = [group[i : i + lanes] for group in groups.values() for i in range(0, len(group), lanes)]

@@ -109,8 +109,8 @@ def _left_open(scenario: Scenario) -> dict[str, Any]:
     """All of a scenario but what its mission leaves out, which each vehicle that is drawn fills in (`fitting`)."""
     whole = scenario.model_dump(mode="json")
     if scenario.mission is not None:
-        said = scenario.mission.model_dump(mode="json", exclude_unset=True)
-        whole["mission"]["waypoints"] = said["waypoints"]
+        given = scenario.mission.model_dump(mode="json", exclude_unset=True)
+        whole["mission"]["waypoints"] = given["waypoints"]
     if "duration" not in scenario.model_fields_set:
         del whole["duration"]
     return whole

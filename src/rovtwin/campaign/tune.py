@@ -20,7 +20,7 @@ from rovtwin.campaign.tune_flights import (
 )
 from rovtwin.campaign.tune_parameters import Space, start_of, value_of, with_values
 from rovtwin.campaign.tune_plants import Plants, plants_of
-from rovtwin.campaign.tune_result import Judged, Tuned, Wish
+from rovtwin.campaign.tune_result import Judged, Tuned, TuningRequest
 from rovtwin.campaign.tune_search import Search, population, search
 from rovtwin.campaign.tune_time import Clock, least_seconds
 from rovtwin.core.errors import ConfigError, RovtwinError
@@ -31,11 +31,11 @@ Progress = Callable[[str, float], None]  # what is going on, share of it, 0 to 1
 WRITING = 6.0  # what files and report take [s]
 
 
-def tune(wish: Wish, progress: Progress = lambda *_: None) -> Tuned:
+def tune(request: TuningRequest, progress: Progress = lambda *_: None) -> Tuned:
     """Search, choose, judge.
 
     Args:
-        wish: What is wanted.
+        request: What is wanted.
         progress: Told what is going on.
 
     Returns:
@@ -46,18 +46,22 @@ def tune(wish: Wish, progress: Progress = lambda *_: None) -> Tuned:
             hand-tuned autopilot fails throughout, or the budget is too short for a single generation.
         RovtwinError: Ctrl-C came before the first generation.
     """
-    section = _checked(wish)
-    with crew_of(wish.workers) as crew, Interrupt() as interrupt:
-        return _Tuning(wish, section, crew, progress, lambda: interrupt.asked).run()
+    section = _checked(request)
+    with crew_of(request.workers) as crew, Interrupt() as interrupt:
+        return _Tuning(request, section, crew, progress, lambda: interrupt.asked).run()
 
 
-def _checked(wish: Wish) -> ModelBasedSection:
-    if wish.scenario.mission is None:
-        raise ConfigError(f"{wish.scenario.name}: is a test, not a mission: it has no scores to tune for")
-    section = start_of(wish.scenario)
-    if not wish.budget > 0:
-        raise ConfigError(f"--budget-s: found {wish.budget:g}, expected more than 0 seconds; the usual is 170")
-    numbers = (("--plants", 1, wish.plants), ("--held-out", 2, wish.held_out), ("--evaluations", 1, wish.evaluations))
+def _checked(request: TuningRequest) -> ModelBasedSection:
+    if request.scenario.mission is None:
+        raise ConfigError(f"{request.scenario.name}: is a test, not a mission: it has no scores to tune for")
+    section = start_of(request.scenario)
+    if not request.budget > 0:
+        raise ConfigError(f"--budget-s: found {request.budget:g}, expected more than 0 seconds; the usual is 170")
+    numbers = (
+        ("--plants", 1, request.plants),
+        ("--held-out", 2, request.held_out),
+        ("--evaluations", 1, request.evaluations),
+    )
     for name, least, number in numbers:
         if number < least:
             raise ConfigError(f"{name}: found {number}, expected at least {least}")
@@ -68,14 +72,19 @@ class _Tuning:
     """One tuning under way."""
 
     def __init__(
-        self, wish: Wish, section: ModelBasedSection, crew: Crew, progress: Progress, interrupted: Callable[[], bool]
+        self,
+        request: TuningRequest,
+        section: ModelBasedSection,
+        crew: Crew,
+        progress: Progress,
+        interrupted: Callable[[], bool],
     ):
-        self.wish, self.crew, self.progress, self.interrupted = wish, crew, progress, interrupted
-        self.clock, self.marks = Clock(wish.budget), {}
-        self.space = Space.around(wish.tunables, section.model_copy(update={"tuned": None}))
+        self.request, self.crew, self.progress, self.interrupted = request, crew, progress, interrupted
+        self.clock, self.marks = Clock(request.budget), {}
+        self.space = Space.around(request.tunables, section.model_copy(update={"tuned": None}))
         self.floors = floors_of(section)
-        plants = plants_of(wish.scenario)
-        self.said = plants.said
+        plants = plants_of(request.scenario)
+        self.plants_text = plants.description
         self.generation = population(len(self.space.tunables))
         self.fleets = self._fleets(plants)
         self.hand: dict[int, list[Figures]] = {}  # scores of the hand-tuned autopilot
@@ -83,13 +92,13 @@ class _Tuning:
         self.pace = 0.0  # wall time of LANES flights of the search [s]
 
     def _fleets(self, plants: Plants) -> dict[int, Fleet]:
-        wish = self.wish
-        seas = seas_of(wish.seas, wish.scenario)
+        request = self.request
+        seas = seas_of(request.seas, request.scenario)
         self._step("composing", 0.0)
-        counts = {TUNING: wish.plants, CHOOSING: wish.plants, HELD_OUT: wish.held_out}
+        counts = {TUNING: request.plants, CHOOSING: request.plants, HELD_OUT: request.held_out}
         return {
             stream: fleet_of(
-                wish.scenario, plants, seas, stream, n, wish.seed, short=stream != HELD_OUT and not wish.own
+                request.scenario, plants, seas, stream, n, request.seed, short=stream != HELD_OUT and not request.own
             )
             for stream, n in counts.items()
         }
@@ -126,7 +135,16 @@ class _Tuning:
         held_out = self._judged(section, held_out_before)
         self._step("writing", 0.0)
         return Tuned(
-            self.wish, self.said, section, cost, found, start_cost, chosen, influence, held_out, self._seconds()
+            self.request,
+            self.plants_text,
+            section,
+            cost,
+            found,
+            start_cost,
+            chosen,
+            influence,
+            held_out,
+            self._seconds(),
         )
 
     def _compiled(self) -> None:
@@ -151,8 +169,8 @@ class _Tuning:
         """Wall time of all that comes after compiling, at the least [s], and what that is."""
         n, generation = len(self.fleets[HELD_OUT].runs), self.generation
         judging = 2 * self.crew.rounds(n) * self._brief(HELD_OUT)
-        said = f"flying {2 * n} held-out flights and a single generation of {generation}"
-        return judging + self._flights_after() * self._brief(TUNING), said
+        text = f"flying {2 * n} held-out flights and a single generation of {generation}"
+        return judging + self._flights_after() * self._brief(TUNING), text
 
     def _flights_after(self) -> int:
         """How often each thread flies LANES for: hand-tuned, one generation, choosing, putting back."""
@@ -170,11 +188,11 @@ class _Tuning:
         began = time.monotonic()
         figures = self._flown(TUNING, [self.space.section], "hand-tuned")[0]
         self.pace = time.monotonic() - began
-        cost = Cost.against(self.wish.weights, fleet.seas, figures, self.floors)
+        cost = Cost.against(self.request.weights, fleet.seas, figures, self.floors)
         start = float(np.mean(cost.all_of(fleet.seas, figures)))
         if start >= FAILED:
             raise ConfigError(
-                f"{self.wish.scenario.name}: no flight of the hand-tuned autopilot arrives, so there is nothing to "
+                f"{self.request.scenario.name}: no flight of the hand-tuned autopilot arrives, so there is nothing to "
                 f"measure against. It failed on {failures(figures)}. Check the scenario with rovtwin fly"
                 + ("" if set(fleet.seas) == {"calm"} else ", or try calmer seas (--sea calm)")
             )
@@ -182,7 +200,7 @@ class _Tuning:
 
     def _left(self) -> float:
         """Time for the search [s]: the budget less what comes after."""
-        return self.wish.budget - self.clock.gone - self._after()
+        return self.request.budget - self.clock.gone - self._after()
 
     def _after(self) -> float:
         """Wall time of what comes after the search [s]."""
@@ -201,7 +219,7 @@ class _Tuning:
 
         def of(points: list[np.ndarray]) -> list[float]:
             nonlocal tried
-            share = min(tried / self.wish.evaluations, 1.0)
+            share = min(tried / self.request.evaluations, 1.0)
             flown = self._flown(TUNING, [self.space.at(x) for x in points], "searching", share)
             tried += len(points)
             return [float(np.mean(cost.all_of(fleet.seas, one))) for one in flown]
@@ -210,8 +228,8 @@ class _Tuning:
             of,
             self.space.start,
             self.space.bounds,
-            seed=self.wish.seed,
-            evaluations=self.wish.evaluations,
+            seed=self.request.seed,
+            evaluations=self.request.evaluations,
             out_of_time=out_of_time,
         )
         if not found.points and self.interrupted():
@@ -248,7 +266,7 @@ class _Tuning:
     def _judged(self, section: ModelBasedSection, before: list[Figures]) -> Judged:
         fleet = self.fleets[HELD_OUT]
         after = self._flown(HELD_OUT, [section], "tuned, held-out plants")[0]
-        cost = Cost.against(self.wish.weights, fleet.seas, before, self.floors)
+        cost = Cost.against(self.request.weights, fleet.seas, before, self.floors)
         return Judged(fleet.seas, before, after, cost.all_of(fleet.seas, before), cost.all_of(fleet.seas, after))
 
     def _seconds(self) -> dict[str, float]:

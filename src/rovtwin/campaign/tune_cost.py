@@ -20,7 +20,7 @@ FAILED = 10.0
 class Term:
     """A part of the cost: its unit, its usual weight, and below what an error is nobody's concern (see `floors_of`)."""
 
-    said: str
+    description: str
     unit: str
     weight: float
     floor: float

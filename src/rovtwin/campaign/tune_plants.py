@@ -23,11 +23,11 @@ class Plants:
     """A distribution of plants.
 
     Attributes:
-        said: What they are drawn from, in words.
+        description: What they are drawn from, in words.
         drawn: The plant of a random generator.
     """
 
-    said: str
+    description: str
     drawn: Callable[[np.random.Generator], Model]
 
 
@@ -41,24 +41,24 @@ def plants_of(scenario: Scenario) -> Plants:
     watery = in_water(scenario.world, vehicle, model)
     found = stated(vehicle, vehicle.name)
     if found.covariance is not None:
-        said = f"the covariance of the {len(found.parameters)} parameters that {vehicle.name} was identified by"
+        text = f"the covariance of the {len(found.parameters)} parameters that {vehicle.name} was identified by"
         lift = float(watery.buoyancy - model.buoyancy)
-        return Plants(said, partial(_of_posterior, found, _root(found.covariance), lift))
+        return Plants(text, partial(_of_posterior, found, _root(found.covariance), lift))
     mismatch = scenario.world.mismatch
     if mismatch:
-        said = (
+        text = (
             f"the scenario's mismatch: each damping coefficient ±{100 * mismatch.damping:g} % uniform, mass x "
             f"{mismatch.mass:g}, thrust x {mismatch.thrust:g}"
         )
         given = mismatch.damping, (mismatch.mass, mismatch.mass), (mismatch.thrust, mismatch.thrust)
     else:
-        said = (
+        text = (
             f"the usual spread, since {vehicle.name} was not identified and the scenario has no mismatch: each damping "
             f"coefficient ±{100 * SPREAD['damping']:g} %, mass ±{100 * SPREAD['mass']:g} %, thrust "
             f"±{100 * SPREAD['thrust']:g} %, uniform"
         )
         given = SPREAD["damping"], _about_one(SPREAD["mass"]), _about_one(SPREAD["thrust"])
-    return Plants(said, partial(_of_spread, watery, *given))
+    return Plants(text, partial(_of_spread, watery, *given))
 
 
 def _about_one(share: float) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from rovtwin.scenario.schema import ModelBasedSection, Scenario
 
 
 @dataclass(frozen=True)
-class Wish:
+class TuningRequest:
     """What somebody wants tuned.
 
     Attributes:
@@ -76,7 +76,7 @@ class Tuned:
     """What came out.
 
     Attributes:
-        wish: What was asked for.
+        request: What was asked for.
         plants: What plants were drawn from, in words.
         section: The tuned autopilot; that of the scenario where nothing better was found.
         cost: What is minimised.
@@ -88,7 +88,7 @@ class Tuned:
         seconds: Wall time by step [s].
     """
 
-    wish: Wish
+    request: TuningRequest
     plants: str
     section: ModelBasedSection
     cost: Cost
@@ -102,12 +102,14 @@ class Tuned:
     def values(self) -> dict[str, tuple[float, float]]:
         """Parameters by name: before and after."""
         start = self.search_start
-        return {one.name: (value_of(start, one.name), value_of(self.section, one.name)) for one in self.wish.tunables}
+        return {
+            one.name: (value_of(start, one.name), value_of(self.section, one.name)) for one in self.request.tunables
+        }
 
     @property
     def search_start(self) -> ModelBasedSection:
         """The scenario's own autopilot."""
-        return start_of(self.wish.scenario)
+        return start_of(self.request.scenario)
 
 
 def paired(differences: np.ndarray) -> tuple[float, float, float]:

@@ -24,15 +24,15 @@ from rovtwin.vehicle.description.identified import fingerprint
 
 def noted(tuned: Tuned) -> ModelBasedSection:
     """The tuned section with the note of where it comes from."""
-    wish, vehicle = tuned.wish, vehicle_of(tuned.wish.scenario)
+    request, vehicle = tuned.request, vehicle_of(tuned.request.scenario)
     _, before, after = tuned.chosen
     note = TunedSection(
         vehicle=vehicle.name,
         made_with=fingerprint(vehicle.file),
-        scenario=wish.scenario.name,
+        scenario=request.scenario.name,
         plants=tuned.plants,
         seas=list(dict.fromkeys(tuned.held_out.seas)),
-        seed=wish.seed,
+        seed=request.seed,
         evaluations=len(tuned.search.costs),
         cost=[_short(before), _short(after)],
         held_out=[_short(x) for x in tuned.held_out.change],
@@ -77,7 +77,7 @@ def sentences(tuned: Tuned) -> tuple[str, list[str]]:
         head = f"Not shown to be better than hand-tuned on {n} held-out plants: keep the hand-tuned values"
     won = int(np.sum(held.cost_after < held.cost_before))
     failed = [int(np.sum(costs >= FAILED)) for costs in (held.cost_before, held.cost_after)]
-    said = [
+    lines = [
         f"Paired difference of the cost {mean:+.3f}, 95 % interval {low:+.3f} to {high:+.3f} (hand-tuned {base:.3f}); "
         f"cheaper on {won} of {n} plants.",
         f"Chosen: {what}; on choosing plants {after:.3f} against {before:.3f} hand-tuned.",
@@ -85,32 +85,32 @@ def sentences(tuned: Tuned) -> tuple[str, list[str]]:
         f"The search tried {len(tuned.search.costs)} autopilots; {tuned.search.ended}.",
     ]
     if any(failed):
-        said.insert(1, f"Flights that failed: {failed[0]} hand-tuned, {failed[1]} tuned.")
+        lines.insert(1, f"Flights that failed: {failed[0]} hand-tuned, {failed[1]} tuned.")
         rows = [(who, failures(one)) for who, one in (("Hand-tuned", held.before), ("Tuned", held.after))]
-        said[2:2] = [f"{who} it failed on {which}." for who, which in rows if which]
-    return head, said
+        lines[2:2] = [f"{who} it failed on {which}." for who, which in rows if which]
+    return head, lines
 
 
 def result_of(tuned: Tuned, text: str) -> TuningResult:
     """What the report shows."""
-    wish, held = tuned.wish, tuned.held_out
-    head, said = sentences(tuned)
+    request, held = tuned.request, tuned.held_out
+    head, lines = sentences(tuned)
     values = tuned.values()
     terms = {
         name: one
-        | {"said": TERMS[name].said, "unit": TERMS[name].unit, "weight": tuned.cost.weights[name]}
+        | {"description": TERMS[name].description, "unit": TERMS[name].unit, "weight": tuned.cost.weights[name]}
         | {"change": [x / max(one["before"], 1e-12) for x in one["change"]]}
         for name, one in terms_table(held).items()
     }
     return TuningResult(
-        title=f"Tuning of {wish.scenario.name}",
-        verdict=Verdict(held.better, head, said, []),
+        title=f"Tuning of {request.scenario.name}",
+        verdict=Verdict(held.better, head, lines, []),
         costs=np.array(tuned.search.costs),
         generations=np.array(tuned.search.generations),
         start_cost=tuned.start_cost,
         parameters=[
             Moved(p.name, p.unit, p.low, p.high, *values[p.name], tuned.influence[p.name])
-            for p in Space.around(wish.tunables, tuned.search_start).tunables
+            for p in Space.around(request.tunables, tuned.search_start).tunables
         ],
         seas=held.seas,
         before=held.cost_before,
@@ -136,7 +136,7 @@ def _beside(label: str, name: str, tuned: Tuned) -> tuple[str, str, str]:
 
 def _cost_rows(tuned: Tuned) -> list[tuple[str, str]]:
     rows = [
-        (f"{term.said} [{term.unit}]", f"weight {tuned.cost.weights[name]:.3g}; "
+        (f"{term.description} [{term.unit}]", f"weight {tuned.cost.weights[name]:.3g}; "
          + ", ".join(f"{scales[name]:.3g} counts as 1 in {sea}" for sea, scales in tuned.cost.scales.items()))
         for name, term in TERMS.items()
     ]  # fmt: skip
@@ -145,12 +145,12 @@ def _cost_rows(tuned: Tuned) -> list[tuple[str, str]]:
 
 
 def _provenance(tuned: Tuned) -> list[tuple[str, str]]:
-    wish, vehicle = tuned.wish, vehicle_of(tuned.wish.scenario)
+    request, vehicle = tuned.request, vehicle_of(tuned.request.scenario)
     return [
         ("Command", _command()),
         ("Vehicle, its parts", f"{vehicle.name}, {fingerprint(vehicle.file)}"),
-        ("Plants", f"{wish.plants} to search, {wish.plants} to choose, {wish.held_out} to judge"),
-        ("Seed", str(wish.seed)),
+        ("Plants", f"{request.plants} to search, {request.plants} to choose, {request.held_out} to judge"),
+        ("Seed", str(request.seed)),
         ("rovtwin", __version__),
         ("Python, jax", f"{platform.python_version()}, {jax.__version__}"),
         ("Machine", platform.platform()),
@@ -159,13 +159,13 @@ def _provenance(tuned: Tuned) -> list[tuple[str, str]]:
 
 def as_data(tuned: Tuned) -> dict[str, Any]:
     """What `--json` says of a tuning."""
-    head, said = sentences(tuned)
+    head, lines = sentences(tuned)
     start = tuned.search_start
     return {
-        "scenario": tuned.wish.scenario.name,
+        "scenario": tuned.request.scenario.name,
         "better": tuned.held_out.better,
         "verdict": head,
-        "said": said,
+        "reasons": lines,
         "change": list(tuned.held_out.change),
         "parameters": {
             name: {"before": value_of(start, name), "after": after, "influence": tuned.influence[name]}

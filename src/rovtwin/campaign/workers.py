@@ -29,10 +29,10 @@ class Workers(Protocol):
 
     Attributes:
         cores: How many portions fly at the same time, as far as known now.
-        said: What they are, for people.
+        description: What they are, for people.
     """
 
-    said: str
+    description: str
 
     @property
     def cores(self) -> int: ...
@@ -56,7 +56,7 @@ class _Stop(Exception):
 class Here:
     """This process, one portion after the other."""
 
-    said, cores = "this process", 1
+    description, cores = "this process", 1
 
     def fly(self, text: str, portions: list[list[int]], lanes: int, stopped: Stopped) -> Iterator[list[Row]]:
         """See `Workers`."""
@@ -78,8 +78,8 @@ class Here:
 class Dask:
     """The workers of a dask scheduler; a portion whose worker dies is flown by another."""
 
-    def __init__(self, client: Any, said: str):
-        self._client, self.said = client, said
+    def __init__(self, client: Any, description: str):
+        self._client, self.description = client, description
 
     @property
     def cores(self) -> int:
@@ -104,13 +104,13 @@ class Dask:
                     continue
                 for future in waited.done:
                     flying.discard(future)
-                    yield _result(future, self.said)
+                    yield _result(future, self.description)
         finally:
             with suppress(OSError):  # a scheduler that is gone flies nothing any more
                 self._client.cancel(list(flying), force=True)
 
 
-def _result(future: Any, said: str) -> list[Row]:
+def _result(future: Any, description: str) -> list[Row]:
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
@@ -118,11 +118,13 @@ def _result(future: Any, said: str) -> list[Row]:
         return future.result()
     except KilledWorker:
         raise RovtwinError(
-            f"{said}: workers died again and again over the same samples, perhaps for want of memory. What is flown is "
-            "kept; run the same command again, with smaller --lanes or fewer workers on a machine"
+            f"{description}: workers died again and again over the same samples, perhaps for want of memory. "
+            "What is flown is kept; run the same command again, with smaller --lanes or fewer workers on a machine"
         ) from None
     except (CommClosedError, OSError, CancelledError, asyncio.CancelledError) as error:
-        raise RovtwinError(f"{said}: lost ({error}). What is flown is kept; run the same command again") from None
+        raise RovtwinError(
+            f"{description}: lost ({error}). What is flown is kept; run the same command again"
+        ) from None
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import counted, near, parse_yaml, read_yaml, said_kind
+from rovtwin.core.yamlfile import counted, kind_in_words, near, parse_yaml, read_yaml
 
 
 class Strict(BaseModel):
@@ -50,7 +50,7 @@ def parse(model_class: type[Parsed], data: Any, where: str) -> Parsed:
         where: Name of the file (or of whatever else it came from) for the messages.
     """
     if not isinstance(data, dict):
-        raise ConfigError(f"{where}: found {said_kind(data)}, expected a mapping of keys to values")
+        raise ConfigError(f"{where}: found {kind_in_words(data)}, expected a mapping of keys to values")
     try:
         return model_class.model_validate(data)
     except ValidationError as error:
@@ -62,16 +62,16 @@ def messages(model_class: type[BaseModel], data: Any, error: ValidationError) ->
     by_place: dict[str, list[tuple[str, bool]]] = {}
     for item in error.errors(include_url=False):
         path = _path(data, item["loc"], item["type"])
-        said = _say(item, _fields_at(model_class, item["loc"][:-1]), _field_at(model_class, item["loc"]))
-        by_place.setdefault(path, []).append((said, _is_of_other_kind(item)))
+        text = _say(item, _fields_at(model_class, item["loc"][:-1]), _field_at(model_class, item["loc"]))
+        by_place.setdefault(path, []).append((text, _is_of_other_kind(item)))
     lines = []
     for path, found in by_place.items():
         deeper = any(other.startswith((f"{path}.", f"{path}[")) for other in by_place)
         # In a union the branch that got further is the one that was meant: drop "expected a number" of the others.
-        meant = [said for said, other_kind in found if not other_kind]
+        meant = [text for text, other_kind in found if not other_kind]
         if not meant and deeper:
             continue
-        sentence = _joined(meant or [said for said, _ in found])
+        sentence = _joined(meant or [text for text, _ in found])
         lines.append(f"{path}: {sentence}" if path else sentence)
     return lines
 
@@ -82,13 +82,13 @@ def _is_of_other_kind(item: Any) -> bool:
     return expected_other and isinstance(item["input"], (dict, list))
 
 
-def _joined(said: list[str]) -> str:
+def _joined(texts: list[str]) -> str:
     """What the branches of a union say about one place, as one sentence."""
-    said = list(dict.fromkeys(said))
-    found, expected, _ = said[0].partition(", expected ")
-    if expected and all(s.startswith(found + expected) for s in said):
-        return found + expected + " or ".join(s.removeprefix(found + expected) for s in said)
-    return ", or: ".join(said)
+    texts = list(dict.fromkeys(texts))
+    found, expected, _ = texts[0].partition(", expected ")
+    if expected and all(s.startswith(found + expected) for s in texts):
+        return found + expected + " or ".join(s.removeprefix(found + expected) for s in texts)
+    return ", or: ".join(texts)
 
 
 def _path(data: Any, loc: tuple[int | str, ...], kind: str) -> str:
@@ -119,18 +119,18 @@ def _say(item: Any, known: dict[str, Any], field: Any) -> str:
         return str(context.get("error", item["msg"])).removeprefix("Value error, ")
     if kind == "union_tag_not_found":
         given = f" with {', '.join(map(str, found))}" if isinstance(found, dict) and found else ""
-        return (
-            f"found {said_kind(found)}{given}, expected the key {context['discriminator']} in it, which says its kind"
-        )
+        key = context["discriminator"]
+        return f"found {kind_in_words(found)}{given}, expected the key {key} in it, which says its kind"
     if kind in ("literal_error", "enum", "union_tag_invalid"):
-        wanted = str(context.get("expected") or context.get("expected_tags"))
-        return f"found {_show(context.get('tag', found))}, expected {wanted}{_close(context.get('tag', found), wanted)}"
+        expected = str(context.get("expected") or context.get("expected_tags"))
+        tag = context.get("tag", found)
+        return f"found {_show(tag)}, expected {expected}{_close(tag, expected)}"
     if kind == "invalid_key":
         return f"found the key {_show(found)}, expected a word"
     if kind in ("too_short", "too_long"):
-        wanted = context.get("min_length", context.get("max_length"))
-        return f"found {counted(context['actual_length'])}, expected {wanted}"
-    return f"found {_show(found)}, expected {_wanted(kind, context, item['msg'])}{_unit_hint(kind, found)}"
+        expected = context.get("min_length", context.get("max_length"))
+        return f"found {counted(context['actual_length'])}, expected {expected}"
+    return f"found {_show(found)}, expected {_expected(kind, context, item['msg'])}{_unit_hint(kind, found)}"
 
 
 _EXPECTED = {
@@ -153,7 +153,7 @@ _BOUNDS = {
 }
 
 
-def _wanted(kind: str, context: dict[str, Any], message: str) -> str:
+def _expected(kind: str, context: dict[str, Any], message: str) -> str:
     if kind in _BOUNDS:
         words, key = _BOUNDS[kind]
         return f"a number {words} {context[key]:g}"
@@ -170,14 +170,14 @@ def _unit_hint(kind: str, found: Any) -> str:
     return ""
 
 
-def _close(found: Any, wanted: str) -> str:
-    close = difflib.get_close_matches(str(found), re.findall(r"'([^']+)'", wanted), n=1)
+def _close(found: Any, expected: str) -> str:
+    close = difflib.get_close_matches(str(found), re.findall(r"'([^']+)'", expected), n=1)
     return f". Did you mean '{close[0]}'?" if close else ""
 
 
 def _show(value: Any) -> str:
     if isinstance(value, (dict, list)):
-        return said_kind(value)
+        return kind_in_words(value)
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -101,7 +101,9 @@ class Datum:
         return json.dumps(asdict(self))
 
     def __str__(self) -> str:
-        return f"{said(self.latitude, self.longitude)}, water level {self.height:g} m, start {self.utc_start}"
+        return (
+            f"{coordinates_text(self.latitude, self.longitude)}, water level {self.height:g} m, start {self.utc_start}"
+        )
 
     def _tangent(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """North, east, down in the plane's own axes, where down is straight and no depth, shape (..., 3)."""
@@ -128,13 +130,13 @@ def utc_text(text: str) -> str:
     Raises:
         ConfigError: It is no time, or does not say its zone.
     """
-    wanted = "expected a time in UTC such as 2021-06-01T10:00:00Z"
+    expected = "expected a time in UTC such as 2021-06-01T10:00:00Z"
     try:
         time = datetime.fromisoformat(text)
     except (TypeError, ValueError):
-        raise ConfigError(f"utc_start: found {text!r}, {wanted}") from None
+        raise ConfigError(f"utc_start: found {text!r}, {expected}") from None
     if time.tzinfo is None:
-        raise ConfigError(f"utc_start: found {text!r} without a zone, {wanted}: add a Z if it is UTC")
+        raise ConfigError(f"utc_start: found {text!r} without a zone, {expected}: add a Z if it is UTC")
     return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
@@ -153,7 +155,7 @@ def datum_of(metadata: Mapping[str, str]) -> Datum | None:
         return None
 
 
-def said(latitude: float, longitude: float) -> str:
+def coordinates_text(latitude: float, longitude: float) -> str:
     """Coordinates as people read them, to 0.1 m: 63.450000° N, 10.360000° E."""
     north, east = "N" if latitude >= 0 else "S", "E" if longitude >= 0 else "W"
     return f"{abs(latitude):.6f}° {north}, {abs(longitude):.6f}° {east}"

@@ -194,7 +194,7 @@ class Progress(eqx.Module):
     current: Array
 
     @classmethod
-    def unsaid(cls) -> "Progress":
+    def unreported(cls) -> "Progress":
         """Of guidance that does not tell."""
         none = jnp.zeros((), dtype=int)
         return cls(none, none, jnp.zeros(()), jnp.zeros(2))
@@ -225,7 +225,7 @@ class Setpoint(eqx.Module):
     phase: Array
     reason: Array
     fixed_heading: Array = eqx.field(default_factory=lambda: jnp.asarray(False))
-    progress: Progress = eqx.field(default_factory=Progress.unsaid)
+    progress: Progress = eqx.field(default_factory=Progress.unreported)
 
 
 class Reference(eqx.Module):

@@ -40,13 +40,13 @@ def settle() -> None:
 
 
 @contextmanager
-def urgent(wanted: bool = True) -> Iterator[bool]:
+def urgent(enabled: bool = True) -> Iterator[bool]:
     """Within, this thread runs before all others that do not ask for the same; gives whether the system lets it.
 
     Linux lets root, and whoever has a limit `rtprio` (/etc/security/limits.conf). Elsewhere nothing changes: the loop
     keeps time as well as the machine's load allows. Threads and processes started within are ordinary ones.
     """
-    if not wanted or not hasattr(os, "SCHED_RR"):
+    if not enabled or not hasattr(os, "SCHED_RR"):
         yield False
         return
     try:

@@ -36,8 +36,8 @@ class _Loader(yaml.SafeLoader):
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
         if node is not None and _size(node, {}) > MOST:
-            said = f"found more than {MOST:,} values, those counted again that aliases (*name) repeat; expected fewer"
-            raise ComposerError(None, None, said, node.start_mark)
+            text = f"found more than {MOST:,} values, those counted again that aliases (*name) repeat; expected fewer"
+            raise ComposerError(None, None, text, node.start_mark)
         return node
 
 
@@ -98,8 +98,8 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
         if isinstance(key, (list, dict)):
             raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
         if key in seen:
-            said = f"key '{key}' is given twice, first in line {seen[key]}; keep one"
-            raise yaml.constructor.ConstructorError(None, None, said, key_node.start_mark)
+            text = f"key '{key}' is given twice, first in line {seen[key]}; keep one"
+            raise yaml.constructor.ConstructorError(None, None, text, key_node.start_mark)
         seen[key] = line
     loader.flatten_mapping(node)
     return {loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value}
@@ -163,7 +163,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     if data is None:
         raise ConfigError(f"{where}: is empty, expected keys and values")
     if not isinstance(data, dict):
-        found = "text" if isinstance(data, str) else said_kind(data)  # another program's file may hold a secret
+        found = "text" if isinstance(data, str) else kind_in_words(data)  # another program's file may hold a secret
         raise ConfigError(f"{where}: found {found}, expected keys and values such as 'name: my_vehicle'")
     return data
 
@@ -188,7 +188,7 @@ def _missing_file(path: Path) -> str:
     return f"{path}: no such file." + (near(path.name, names) if names else f" There is no YAML file in {folder}.")
 
 
-def said_kind(value: Any) -> str:
+def kind_in_words(value: Any) -> str:
     """What a value is, in words: a mapping, a list of 3 values, nothing, or the value itself."""
     if isinstance(value, dict):
         return "a mapping"

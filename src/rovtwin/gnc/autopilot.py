@@ -32,7 +32,7 @@ from rovtwin.gnc.thesis.los_guidance import Guidance, GuidanceMemory
 from rovtwin.gnc.thesis.pid import Pid
 from rovtwin.vehicle.physics.model import Model
 
-WISH_LIFE = 0.5  # a pilot's wish older than this is none [s]
+PILOT_COMMAND_LIFE = 0.5  # a pilot's command older than this counts no more [s]
 NEGLIGIBLE = 1e-6  # what allocation leaves by rounding [N, N m]
 
 Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
@@ -56,7 +56,7 @@ class AutopilotMemory(eqx.Module):
     command: Command
     shortfall: Array
     saturated: Array
-    wanted: Array
+    desired_position: Array
 
 
 class Autopilot(Block):
@@ -140,7 +140,9 @@ class Autopilot(Block):
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
         parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
         none, free, command = jnp.zeros(6), jnp.zeros(6, dtype=bool), Command(jnp.zeros_like(self.health))
-        return AutopilotMemory(**parts, command=command, shortfall=none, saturated=free, wanted=start.position)
+        return AutopilotMemory(
+            **parts, command=command, shortfall=none, saturated=free, desired_position=start.position
+        )
 
     def step(
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
@@ -148,7 +150,9 @@ class Autopilot(Block):
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
         monitor, health, ability, axes = self._monitored(memory, estimate, input.request, dt)
         fell_short = memory.shortfall, ability, memory.saturated
-        watched = SupervisorInput(estimate, input.request, input.measurements, input.host, *fell_short, memory.wanted)
+        watched = SupervisorInput(
+            estimate, input.request, input.measurements, input.host, *fell_short, memory.desired_position
+        )
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
         known = _usable(estimate)
         terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)
@@ -162,14 +166,14 @@ class Autopilot(Block):
 
         on = mode.active
         feedback = ControlInput(known, path, memory.shortfall, axes)
-        control, wanted = self.control.step(memory.control, feedback, dt)
-        tau = jnp.where(on, wanted.tau, 0.0)
+        control, desired = self.control.step(memory.control, feedback, dt)
+        tau = jnp.where(on, desired.tau, 0.0)
         allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health, axes), dt)
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
         command, shortfall = allocated.command, allocated.shortfall
-        wrench = Wrench(tau, on & (wanted.saturated | (jnp.abs(shortfall) > NEGLIGIBLE)))
+        wrench = Wrench(tau, on & (desired.saturated | (jnp.abs(shortfall) > NEGLIGIBLE)))
         after = AutopilotMemory(
             observer,
             monitor,
@@ -183,7 +187,7 @@ class Autopilot(Block):
             allocation,
             command,
             jnp.where(on, shortfall, 0.0),
-            on & wanted.saturated,
+            on & desired.saturated,
             place,
         )
         return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
@@ -219,8 +223,8 @@ class Autopilot(Block):
 
 
 def _fresh(input: AutopilotInput) -> Array:
-    """The pilot's wish, shape (4,), or none of a pilot who has not been heard for a while."""
-    return jnp.where(input.host.operator_age < WISH_LIFE, input.pilot, 0.0)
+    """The pilot's command, shape (4,); zero where the newest one is older than PILOT_COMMAND_LIFE."""
+    return jnp.where(input.host.operator_age < PILOT_COMMAND_LIFE, input.pilot, 0.0)
 
 
 def _usable(estimate: Estimate) -> Estimate:

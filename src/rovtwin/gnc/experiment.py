@@ -98,7 +98,7 @@ class HoldingGains(eqx.Module):
 class ExperimentMemory(eqx.Module):
     """Readings, supervisor's mode, pose to hold and come home to (6,), integral of the heading [share], tick, int."""
 
-    believed: RawEstimate
+    estimate: RawEstimate
     supervisor: SupervisorMemory
     home: Array
     integral: Array
@@ -164,18 +164,16 @@ class Experiment(Block):
 
     def init(self, key: Array, start: Start) -> ExperimentMemory:
         euler = euler_from_quaternion(start.attitude)
-        believed = RawEstimate(start.position, jnp.zeros(3), euler, start.velocity[3:], jnp.zeros(()))
+        raw = RawEstimate(start.position, jnp.zeros(3), euler, start.velocity[3:], jnp.zeros(()))
         home = jnp.concatenate([start.position, jnp.zeros(2), euler[2:]])
-        return ExperimentMemory(
-            believed, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int)
-        )
+        return ExperimentMemory(raw, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int))
 
     def step(
         self, memory: ExperimentMemory, input: AutopilotInput, dt: float
     ) -> tuple[ExperimentMemory, AutopilotOutput]:
-        before = memory.believed
-        believed = self._listen(before, at_co(input.measurements, self.mounts, before.euler, before.rates), dt)
-        estimate = _estimate(believed, len(input.measurements))
+        before = memory.estimate
+        raw = self._listen(before, at_co(input.measurements, self.mounts, before.euler, before.rates), dt)
+        estimate = _estimate(raw, len(input.measurements))
         supervisor, mode = self.supervisor.step(
             memory.supervisor, SupervisorInput(estimate, input.request, input.measurements, input.host), dt
         )
@@ -184,8 +182,8 @@ class Experiment(Block):
         row = line.row[now]
 
         hold = jnp.where(paused, STATION, line.hold[row])
-        away, speed = _away(memory.home, believed)
-        away = away.at[5].set(self._course(hold, memory.home, believed, away[5]))
+        away, speed = _away(memory.home, raw)
+        away = away.at[5].set(self._course(hold, memory.home, raw, away[5]))
         integral, held = self._pid(memory.integral, hold, away, speed, dt)
         share = held + jnp.where(paused, 0.0, line.share[now] + line.keep[row] * away)
         active = mode.active & ~over & (paused | line.on[row])
@@ -199,26 +197,26 @@ class Experiment(Block):
         still, place = jnp.zeros(6), memory.home[:3]
         setpoint = Setpoint(memory.home, still, place, place, phase < 0, line.manoeuvre[row], phase, reason)
         after = ExperimentMemory(
-            believed, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over | aborted, 0, 1)
+            raw, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over | aborted, 0, 1)
         )
         path, wrench = Reference(memory.home, still, still), Wrench(still, still > 0.0)
         return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
 
-    def _course(self, hold: Array, home: Array, believed: RawEstimate, turn: Array) -> Array:
+    def _course(self, hold: Array, home: Array, raw: RawEstimate, turn: Array) -> Array:
         """Angle that the heading has to turn by [rad]: without sway, bow or stern to home until that is near."""
-        way = jnp.where(believed.lost[:2], 0.0, home[:2] - believed.position[:2])
+        way = jnp.where(raw.lost[:2], 0.0, home[:2] - raw.position[:2])
         far = jnp.clip(jnp.sqrt(jnp.sum(way**2) + 1e-12) / self.gains.reach - 0.5, 0.0, 1.0) * hold[0] * hold[1]
-        bearing = wrap(jnp.arctan2(way[1], way[0] + jnp.where(far > 0.0, 0.0, 1.0)) - believed.euler[2])
+        bearing = wrap(jnp.arctan2(way[1], way[0] + jnp.where(far > 0.0, 0.0, 1.0)) - raw.euler[2])
         nearer = jnp.where(jnp.abs(bearing) > 0.5 * jnp.pi, wrap(bearing + jnp.pi), bearing)
         return far * nearer + (1.0 - far) * turn
 
     def _pid(self, integral: Array, hold: Array, away: Array, speed: Array, dt: float) -> tuple[Array, Array]:
         """The heading's new integral, which rests at the limit, and the shares of what is held, shape (6,)."""
         grown = integral + self.gains.integral * away[5] * dt
-        wanted = self.gains.stiffness * away - self.gains.damping * speed + jnp.zeros(6).at[5].set(grown)
-        winding = jnp.abs(wanted[5]) > LIMIT[5]
+        command = self.gains.stiffness * away - self.gains.damping * speed + jnp.zeros(6).at[5].set(grown)
+        winding = jnp.abs(command[5]) > LIMIT[5]
         integral = jnp.where((hold[5] > 0) & ~winding, grown, integral)
-        return integral, hold * jnp.clip(wanted, -LIMIT, LIMIT)
+        return integral, hold * jnp.clip(command, -LIMIT, LIMIT)
 
     def _listen(self, before: RawEstimate, measurements: Measurements, dt: float) -> RawEstimate:
         """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""
@@ -256,20 +254,20 @@ def mixing(model: Model) -> np.ndarray:
     return np.where(able, pattern / np.where(able, largest, 1.0), 0.0)
 
 
-def _away(home: Array, believed: RawEstimate) -> tuple[Array, Array]:
+def _away(home: Array, raw: RawEstimate) -> tuple[Array, Array]:
     """Way home along level axes that turn with the heading, and the speed along them, shapes (6,)."""
-    level = rotation_from_euler(believed.euler * jnp.asarray([0.0, 0.0, 1.0])).T
-    turn = wrap(home[5:] - believed.euler[2:])
+    level = rotation_from_euler(raw.euler * jnp.asarray([0.0, 0.0, 1.0])).T
+    turn = wrap(home[5:] - raw.euler[2:])
     tilt = jnp.zeros(2)
     # Where nobody knows the place, it is taken to be home: no thruster looks for it blindly.
-    way = jnp.where(believed.lost, 0.0, home[:3] - believed.position)
+    way = jnp.where(raw.lost, 0.0, home[:3] - raw.position)
     away = jnp.concatenate([level @ way, tilt, turn])
-    return away, jnp.concatenate([level @ believed.velocity, tilt, believed.rates[2:]])
+    return away, jnp.concatenate([level @ raw.velocity, tilt, raw.rates[2:]])
 
 
-def _estimate(believed: RawEstimate, sensors: int) -> Estimate:
+def _estimate(raw: RawEstimate, sensors: int) -> Estimate:
     """The readings as an estimate that claims nothing about its error."""
-    R_nb = rotation_from_euler(believed.euler)
-    eta = jnp.concatenate([believed.position, believed.euler])
-    nu = jnp.concatenate([R_nb.T @ believed.velocity, believed.rates])
+    R_nb = rotation_from_euler(raw.euler)
+    eta = jnp.concatenate([raw.position, raw.euler])
+    nu = jnp.concatenate([R_nb.T @ raw.velocity, raw.rates])
     return Estimate(eta, nu, jnp.zeros(6), jnp.zeros((12, 12)), jnp.zeros(sensors), jnp.zeros(sensors))

@@ -100,7 +100,7 @@ def identify(
     """
     begin = time.perf_counter()
     settings = Options.read(options or {})
-    told = progress or (lambda text, share: None)
+    report = progress or (lambda text, share: None)
     if old is not None:
         # A copy of an identified file with other parts: what was found of them is in `old`.
         vehicle = vehicle.without_identification()
@@ -127,16 +127,16 @@ def identify(
     learning = settings.discrepancy == CHOSEN
     if learning:
         folds(records, "discrepancy", "off")  # before minutes are spent
-    told("preparing", 0.0)
+    report("preparing", 0.0)
     if not settings.accelerometer:
         records, validate = ([r.without("accelerometer") for r in some] for some in (records, validate))
-    parameters, start, ladder, begun = _structured(parameters, start, records, anchors, old, settings, told)
+    parameters, start, ladder, begun = _structured(parameters, start, records, anchors, old, settings, report)
     fitted_at = begun + (0.9 - begun) * (0.3 if learning else 1.0)
     problem = problem_of(parameters, start, records, anchors, settings)
     solution = estimate(
         problem,
         max_steps=settings.max_steps,
-        progress=lambda k, change: told(
+        progress=lambda k, change: report(
             step_in_words(k, settings.max_steps, change, time.perf_counter() - begin),
             begun + (fitted_at - begun) * k / settings.max_steps,
         ),
@@ -148,14 +148,14 @@ def identify(
             solution,
             anchors,
             settings,
-            lambda words, share: told(words, fitted_at + (0.9 - fitted_at) * share),
+            lambda words, share: report(words, fitted_at + (0.9 - fitted_at) * share),
         )
         parameters, held = problem.shooting.parameters, acceptance.block
         findings = [*findings, acceptance.words]
     response = scale_response(problem, solution)
     solution = with_scale(solution, response)
     theta = solution.unknowns.theta
-    told("validating", 0.9)
+    report("validating", 0.9)
     offsets = offsets_of(problem, solution)
     fitted, held_out = _predicted(parameters, theta, records, validate, settings, offsets)
     residuals = residual_analysis(problem, solution)
@@ -211,7 +211,7 @@ def _structured(
     anchors: Sequence[Mapping[str, Any]],
     old: Vehicle | None,
     settings: Options,
-    told: Progress,
+    report: Progress,
 ) -> tuple[Parameters, Gaussian, list[Rung], float]:
     """The parameters of the structure that was asked for, what is known of them, the ladder, and how far all of it is.
 
@@ -237,7 +237,7 @@ def _structured(
     done = [0]
 
     def progress(words: str) -> None:
-        told(words, 0.7 * done[0] / (2 * rungs))
+        report(words, 0.7 * done[0] / (2 * rungs))
         done[0] += 1
 
     chosen, ladder = climbed(parameters.names, CrossValidation(parameters, start, records, anchors, settings, progress))
@@ -300,11 +300,11 @@ def parameters_and_prior(
     vehicle: Vehicle,
     records: Sequence[Record],
     free: Sequence[str],
-    said: Mapping[str, Any] | None,
+    prior: Mapping[str, Any] | None,
     old: Vehicle | None,
     settings: Options,
 ) -> tuple[Parameters, Gaussian]:
-    """Free parameters and what is known of them before any test; arguments as for `identify`, `said` is its `prior`."""
+    """Free parameters and what is known of them before any test; arguments as for `identify`."""
     change = None if old is None else predicted_change(old, vehicle)
     base = None
     if old is not None:
@@ -315,9 +315,9 @@ def parameters_and_prior(
         known = {p.name for p in old.file.identified.estimate.parameters}
         chosen += [p.name for p in everything.free if p.name in known and p.name not in chosen]
     parameters = choose(everything, chosen)
-    start = default_prior(parameters, vehicle, said)
+    start = default_prior(parameters, vehicle, prior)
     if old is not None:
-        start = prior_from(old, parameters, start, change, said or (), later=bool(records))
+        start = prior_from(old, parameters, start, change, prior or (), later=bool(records))
     return parameters, start
 
 

@@ -91,9 +91,9 @@ class Quick:
         if seen < FEWEST:
             return QuickEstimate(self.parameters, self.prior, self.prior.mean.copy(), self.prior.covariance, seen)
         theta, sigma = lowest(fit, self.parameters, self.prior)
-        told, known = fit.information(theta, sigma), self.prior.information
+        measured, known = fit.information(theta, sigma), self.prior.information
         # As many residuals as parameters scatter little, whatever the model is worth.
-        fitted = float(np.trace(np.linalg.solve(told + known, told)))
+        fitted = float(np.trace(np.linalg.solve(measured + known, measured)))
         wider = SCATTER**2 * seen / max(seen - fitted, 1.0)
-        covariance = np.linalg.inv(told / wider + known)
+        covariance = np.linalg.inv(measured / wider + known)
         return QuickEstimate(self.parameters, self.prior, theta, covariance, seen)

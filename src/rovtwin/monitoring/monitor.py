@@ -171,9 +171,9 @@ class Monitor:
         if not self._follow:
             return
         std = np.sqrt(np.diag(self.factors.covariance))
-        wanted = self._within(self.found().theta)
-        if np.max(np.abs(wanted - self._held) / std) > RELINEARISE:
-            self.hold(wanted)
+        target = self._within(self.found().theta)
+        if np.max(np.abs(target - self._held) / std) > RELINEARISE:
+            self.hold(target)
 
 
 def watched(

@@ -155,27 +155,29 @@ def plan_tests(
     """
     model = vehicle.model()
     scales = ExperimentScales.of(model)
-    wanted = candidates(scales, seed)
-    require_possible(vehicle, scales, tank, bool(wanted))
+    pool = candidates(scales, seed)
+    require_possible(vehicle, scales, tank, bool(pool))
     pulls = thesis_pulls(reference)
     margin = MARGIN * scales.length
     progress("flying the candidates", 0.0)
-    quick = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
+    quick = [_scenario(reference, tank, [one], quick=True) for one in (*pool, *pulls)]
     flown = rehearse(quick)
-    rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
+    rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(pool)]]
     usable = [i for i, room in enumerate(rooms) if room > margin]
     if not usable:
-        raise ConfigError(too_small(vehicle, tank, margin, wanted, flown))
+        raise ConfigError(too_small(vehicle, tank, margin, pool, flown))
     progress("what each of them tells", 0.1)
     parameters, prior = what_is_known(vehicle, bollard)
     # A strong vehicle tips over in some of the thesis's pulls.
-    steady_pulls = [one for one in flown[len(wanted) :] if not one.aborted]
+    steady_pulls = [one for one in flown[len(pool) :] if not one.aborted]
     judged = [*(flown[i] for i in usable), *steady_pulls]
-    told = told_by(parameters, judged, lambda share: progress("what each of them tells", 0.2 + 0.6 * share))
-    ours, theirs = _split(told, len(usable))
+    information = information_of(
+        parameters, judged, lambda share: progress("what each of them tells", 0.2 + 0.6 * share)
+    )
+    ours, theirs = _split(information, len(usable))
 
     def fly(order: list[int]) -> tuple[Scenario, Rehearsed]:
-        scenario = _scenario(reference, tank, [wanted[usable[i]] for i in order])
+        scenario = _scenario(reference, tank, [pool[usable[i]] for i in order])
         return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
 
     touching = TOUCHING * scales.length
@@ -199,7 +201,7 @@ def plan_tests(
             f"it rolls or pitches by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is "
             "not quite as described may leave the limit"
         ]
-    pulls = [(data.get("axis"), one) for data, one in zip(wanted, flown, strict=False)]
+    pulls = [(data.get("axis"), one) for data, one in zip(pool, flown, strict=False)]
     top = VehicleScales.of(model).top
     slow = excitation(vehicle, tank, top, scales.able, pulls, np.abs(whole.nu).max(axis=0))
     hopes = expected(parameters, prior, ours, order)
@@ -213,8 +215,8 @@ def plan_tests(
         ratio=variance_ratio(hopes.plan, steady, hopes.prior),
         flown=whole,
         room=tank.room(vehicle, whole)[0],
-        candidates=(len(wanted), len(usable)),
-        manoeuvres=[in_words(wanted[usable[i]]) for i in order],
+        candidates=(len(pool), len(usable)),
+        manoeuvres=[in_words(pool[usable[i]]) for i in order],
         notes=[*axes_left_out(scales), *tilted, *slow],
         model=model,
     )
@@ -224,7 +226,7 @@ def _laid_out(
     fly: Callable[[list[int]], tuple[Scenario, Rehearsed]],
     near: Callable[[Rehearsed], np.ndarray],
     prior: Gaussian,
-    told: Information,
+    information: Information,
     seconds: float,
     progress: Progress,
 ) -> tuple[list[int], Scenario, Rehearsed]:
@@ -238,7 +240,7 @@ def _laid_out(
         share = 0.8 + 0.2 * min(turn / ROUNDS, 0.9)
         if turn < ROUNDS:
             progress("choosing", share)
-            order = choose_tests(prior, told, seconds, order)
+            order = choose_tests(prior, information, seconds, order)
         if not order:
             break
         progress("flying the plan", share)
@@ -251,7 +253,7 @@ def _laid_out(
         starts = np.array([span["start"] for span in spans])
         rows = {spans[int(i)]["manoeuvre"] for i in np.searchsorted(starts, times + 1e-9, side="right") - 1}
         out = {order[row] for row in rows}
-        told.seconds[list(out)] = np.inf
+        information.seconds[list(out)] = np.inf
         order = [i for i in order if i not in out]
     raise ConfigError(
         "--tank: no plan keeps clear of the walls and level enough: each manoeuvre that fits alone comes too near to a "
@@ -283,7 +285,9 @@ def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Pa
     return parameters, with_anchors(parameters, prior, pulls)
 
 
-def told_by(parameters: Parameters, flown: Sequence[Rehearsed], progress: Callable[[float], None]) -> Information:
+def information_of(
+    parameters: Parameters, flown: Sequence[Rehearsed], progress: Callable[[float], None]
+) -> Information:
     """What tests tell, by the sensors that identification counts on; `progress` is told which share is done."""
     tests = [[_with_signals(record) for record in one.records] for one in flown]
     paths = [Path(one.t, one.position, one.attitude, one.nu) for one in flown]
@@ -295,9 +299,9 @@ def _with_signals(record: Record) -> Record:
     return replace(record, signals={name: record.signals[name] for name in SIGNALS})
 
 
-def _split(told: Information, at: int) -> tuple[Information, Information]:
-    first = Information(told.matrices[:at], told.offsets, told.seconds[:at])
-    return first, Information(told.matrices[at:], told.offsets, told.seconds[at:])
+def _split(information: Information, at: int) -> tuple[Information, Information]:
+    first = Information(information.matrices[:at], information.offsets, information.seconds[:at])
+    return first, Information(information.matrices[at:], information.offsets, information.seconds[at:])
 
 
 def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quick: bool = False) -> Scenario:

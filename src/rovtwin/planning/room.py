@@ -40,19 +40,21 @@ def require_possible(vehicle: Vehicle, scales: ExperimentScales, tank: Tank, som
         )
 
 
-def too_small(vehicle: Vehicle, tank: Tank, margin: float, wanted: list[dict[str, Any]], flown: list[Rehearsed]) -> str:
+def too_small(
+    vehicle: Vehicle, tank: Tank, margin: float, manoeuvres: list[dict[str, Any]], flown: list[Rehearsed]
+) -> str:
     """No manoeuvre fits: how large a tank the least demanding one needs, and one on every axis."""
-    sizes = {i: tank.needed(vehicle, one, margin) for i, one in enumerate(flown[: len(wanted)]) if not one.aborted}
+    sizes = {i: tank.needed(vehicle, one, margin) for i, one in enumerate(flown[: len(manoeuvres)]) if not one.aborted}
     if not sizes:
         return (
-            f"{vehicle.name}: the twin leaves its limits (attitude) in every one of {len(wanted)} manoeuvres: it is "
-            "not stable enough to be tested; `rovtwin vehicle check` says why"
+            f"{vehicle.name}: the twin leaves its limits (attitude) in every one of {len(manoeuvres)} manoeuvres: it "
+            "is not stable enough to be tested; `rovtwin vehicle check` says why"
         )
     least = min(sizes, key=lambda i: sum(np.log(sizes[i].sizes)))
     return (
         f"--tank: every manoeuvre of {vehicle.name} comes nearer than {margin:.2g} m to a wall, the surface or the "
         f"floor of {tank}: it needs a larger tank, {sizes[least]} for the least demanding one "
-        f"({in_words(wanted[least])})"
+        f"({in_words(manoeuvres[least])})"
     )
 
 

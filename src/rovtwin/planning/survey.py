@@ -298,12 +298,12 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
 
 def survey_picture(survey: Survey) -> Figure:
     """Area, holes, lines, what is seen and what is not."""
-    plan, said = survey.plan, survey.figures()
+    plan, figures = survey.plan, survey.figures()
     return draw_survey(
         SurveyPicture(
-            title=f"{pathlib.Path(survey.request.area).name}: {said['length_m']:.0f} m in "
-            f"{said['duration_s'] / 60:.0f} min, {said['lines']} lines at {said['heading_deg']:.0f}°, "
-            f"{said['coverage']:.1%} seen",
+            title=f"{pathlib.Path(survey.request.area).name}: {figures['length_m']:.0f} m in "
+            f"{figures['duration_s'] / 60:.0f} min, {figures['lines']} lines at {figures['heading_deg']:.0f}°, "
+            f"{figures['coverage']:.1%} seen",
             area=plan.room.area,
             seen=plan.seen,
             gaps=plan.gaps,

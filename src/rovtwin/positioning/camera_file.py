@@ -62,8 +62,8 @@ def _named(cameras: list[Camera], name: str, where: str) -> Camera:
     found = [c for c in cameras if c.name == name] or [c for c in cameras if name in c.name.split(".")]
     if len(found) != 1:
         known = [c.name for c in cameras]
-        said = f"several: {', '.join(c.name for c in found)}" if found else f"none.{near(name, known)}"
-        raise ConfigError(f"{where}: camera '{name}': found {said}")
+        text = f"several: {', '.join(c.name for c in found)}" if found else f"none.{near(name, known)}"
+        raise ConfigError(f"{where}: camera '{name}': found {text}")
     return found[0]
 
 

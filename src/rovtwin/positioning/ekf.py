@@ -204,8 +204,8 @@ class MarkerEkf(Block):
         rest = known & ~first & ~waiting
 
         def others(state: State) -> tuple[State, tuple[Array, Array]]:
-            told, _ = jax.vmap(lambda slot: update(given, state, slot)[1])(slots)
-            fits = rest & (told == USED)
+            statuses, _ = jax.vmap(lambda slot: update(given, state, slot)[1])(slots)
+            fits = rest & (statuses == USED)
             same = (slots.ids[:, None] == slots.ids) & (slots.camera[:, None] == slots.camera)
             rivals = (same & fits).sum(axis=1) > 1
             state, (now, nis_now) = self._in_turn(given, state, slots, rest & ~(fits & rivals))
@@ -216,14 +216,14 @@ class MarkerEkf(Block):
         status = jnp.where(waiting, WAITING, jnp.where(rest, late, status))
         return state, (status, jnp.where(rest, late_nis, nis))
 
-    def _in_turn(self, given: Given, state: State, slots, wanted: Array) -> tuple[State, tuple[Array, Array]]:
+    def _in_turn(self, given: Given, state: State, slots, chosen: Array) -> tuple[State, tuple[Array, Array]]:
         nothing = jnp.asarray(EMPTY), jnp.zeros(())
 
         def one(state: State, item) -> tuple[State, tuple[Array, Array]]:
             slot, take = item
             return jax.lax.cond(take, lambda s: update(given, s, slot), lambda s: (s, nothing), state)
 
-        return jax.lax.scan(one, state, (slots, wanted))
+        return jax.lax.scan(one, state, (slots, chosen))
 
     def _word(self, state: State, slots, status: Array) -> tuple[Array, Array]:
         """Which markers of the map fit, and which contradict, shape (capacity,); one of several prints says nothing."""
@@ -237,8 +237,8 @@ class MarkerEkf(Block):
         Somebody measured the places of the layout: one marker alone does not gainsay them.
         """
         measured = (self.layout.ids != NOBODY) & (self.layout.ids == state.map.ids)
-        heard = (fits.sum() > against.sum()) & (~measured | (fits.sum() > 1))
-        counts = jnp.where(fits, 0, state.map.contradicted + (against & heard))
+        credible = (fits.sum() > against.sum()) & (~measured | (fits.sum() > 1))
+        counts = jnp.where(fits, 0, state.map.contradicted + (against & credible))
         gone = counts >= self.tuning.patience
         counted = MarkerMap(state.map.ids, state.map.position, state.map.R_nm, counts)
         return forget(State(state.x, state.P, counted), gone), gone
@@ -248,10 +248,10 @@ class MarkerEkf(Block):
             slot, status = item
             _, known = state.map.find(slot.ids)
             unknown = slot.valid & ~known & (status == EMPTY)
-            wanted = unknown & slot.single & slot.clear & sure
+            chosen = unknown & slot.single & slot.clear & sure
             kept = jnp.where(unknown, WAITING, status)
             return jax.lax.cond(
-                wanted, lambda s: add_marker(given, s, slot, wanted), lambda s: (s, kept.astype(int)), state
+                chosen, lambda s: add_marker(given, s, slot, chosen), lambda s: (s, kept.astype(int)), state
             )
 
         return jax.lax.scan(one, state, (slots, status))

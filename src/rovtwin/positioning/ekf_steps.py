@@ -146,8 +146,8 @@ def _bend(corners: Array, turn: Array) -> Array:
     return (jnp.max((sides**2).sum(axis=1)) / 16.0) * (turn[0, 0] + turn[1, 1]) ** 2
 
 
-def add_marker(given: Given, state: State, slot: Sightings, wanted: Array) -> tuple[State, Array]:
-    """Puts a slot's marker on the first free place of the map if `wanted`; status of the slot."""
+def add_marker(given: Given, state: State, slot: Sightings, chosen: Array) -> tuple[State, Array]:
+    """Puts a slot's marker on the first free place of the map if `chosen`; status of the slot."""
     free = state.map.ids == NOBODY
     place, room = jnp.argmax(free), free.any()
     eye, size = given.eyes[slot.camera], given.sizes[slot.ids]
@@ -180,8 +180,8 @@ def add_marker(given: Given, state: State, slot: Sightings, wanted: Array) -> tu
             state.map.contradicted.at[place].set(0),
         ),
     )
-    after = jax.tree.map(lambda new, old: jnp.where(wanted & room, new, old), added, state)
-    return after, jnp.where(wanted & room, NEW, FULL)
+    after = jax.tree.map(lambda new, old: jnp.where(chosen & room, new, old), added, state)
+    return after, jnp.where(chosen & room, NEW, FULL)
 
 
 class Vote(eqx.Module):

@@ -86,7 +86,7 @@ def port_cost(lens: Lens = AIR, port: Port = PORT, distances: Sequence[float] | 
     return PortCost(distance, error, wet, rms)
 
 
-def _error(true: Lens, believed: Lens, distance: float) -> float:
+def _error(true: Lens, assumed: Lens, distance: float) -> float:
     """rms of the position error over five places before a wall of four markers [m]."""
     markers = [
         {"id": k, "size": SIDE, "position": [distance, east, down], "faces": [-1, 0, 0]}
@@ -95,13 +95,13 @@ def _error(true: Lens, believed: Lens, distance: float) -> float:
     layout = Layout.model_validate({"markers": markers})
     sideways = 0.15 * distance
     places = [np.array([0.0, east, down]) for east, down in ((0, 0), (1, 0), (-1, 0), (0, 0.5), (0, -0.5))]
-    squares = [np.sum((_fix(true, believed, layout, sideways * p) - sideways * p) ** 2) for p in places]
+    squares = [np.sum((_fix(true, assumed, layout, sideways * p) - sideways * p) ** 2) for p in places]
     return float(np.sqrt(np.mean(squares)))
 
 
-def _fix(true: Lens, believed: Lens, layout: Layout, place: np.ndarray) -> np.ndarray:
+def _fix(true: Lens, assumed: Lens, layout: Layout, place: np.ndarray) -> np.ndarray:
     """Where a camera at a place, looking north, seems to be."""
-    eye, corners = Camera("camera", believed, np.zeros(3), R_DEVICE_C), np.stack([m.corners for m in layout.markers])
+    eye, corners = Camera("camera", assumed, np.zeros(3), R_DEVICE_C), np.stack([m.corners for m in layout.markers])
     pixels = np.asarray(_project(true, jnp.asarray((corners - place) @ R_DEVICE_C)))
     sizes = np.full(len(layout.markers), SIDE)
     ids = np.array([m.id for m in layout.markers])

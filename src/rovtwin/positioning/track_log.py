@@ -29,7 +29,7 @@ def track_log(track: Track, source: Log | None = None, metadata: dict[str, Any] 
         metadata: Added to the provenance.
     """
     channels, data = _own(track)
-    told: dict[str, Any] = dict(source.metadata) if source else {}
+    entries: dict[str, Any] = dict(source.metadata) if source else {}
     if source is not None:
         for name in source:
             if name == "autopilot/command" or (name.startswith("sensor/") and name != "sensor/position"):
@@ -37,18 +37,18 @@ def track_log(track: Track, source: Log | None = None, metadata: dict[str, Any] 
                 data[name] = (source[name].t, source[name].values)
         if "sensor/attitude" in data:
             data["sensor/attitude"] = source["sensor/attitude"].t, _turned(source["sensor/attitude"], track.offset)
-        told = {key: value for key, value in told.items() if key not in ("created", "log_format")}
+        entries = {key: value for key, value in entries.items() if key not in ("created", "log_format")}
     if "sensor/position" in data:
-        sheets = json.loads(told.get("sensors", "{}"))
+        sheets = json.loads(entries.get("sensors", "{}"))
         noise = np.nanmedian(track.fix_std[:, :2], axis=0).tolist()
         sheets["position"] = {"noise": noise, "lever": [0.0, 0.0, 0.0], "rotation": np.eye(3).tolist()}
-        told["sensors"] = json.dumps(sheets)
-    told |= {"track_method": track.method, "track_notes": list(track.notes)} | (metadata or {})
+        entries["sensors"] = json.dumps(sheets)
+    entries |= {"track_method": track.method, "track_notes": list(track.notes)} | (metadata or {})
     if track.offset.any():
-        told["track_attitude_offset"] = json.dumps(
+        entries["track_attitude_offset"] = json.dumps(
             {"rotation_vector_n": track.offset.tolist(), "std": track.offset_std.tolist(), "applied": True}
         )
-    return Log.from_arrays(channels, data, told)
+    return Log.from_arrays(channels, data, entries)
 
 
 def _turned(series: Series, offset: np.ndarray) -> np.ndarray:
@@ -74,7 +74,10 @@ def _own(track: Track) -> tuple[list[Channel], dict[str, tuple[np.ndarray, np.nd
         std = tuple(f"std_{name}" for name in both)
         units = ("m",) * 3 + ("m/s",) * 3
         table.append(("track/std", std, units, "n", "standard deviation of position and velocity", track.std))
-    channels = [Channel(name, fields, unit, frame, description=said) for name, fields, unit, frame, said, _ in table]
+    channels = [
+        Channel(name, fields, unit, frame, description=description)
+        for name, fields, unit, frame, description, _ in table
+    ]
     data = {row[0]: (track.t, row[-1]) for row in table}
     there = np.isfinite(track.fix).all(axis=1)
     if there.any():

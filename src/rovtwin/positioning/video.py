@@ -75,8 +75,8 @@ class Video:
                 count += 1
                 yield t, image
         if not count:
-            said = f", the first: {lost[0]}" if lost else ""
-            raise ConfigError(f"{self.path}: found no picture in it that can be read{said}")
+            text = f", the first: {lost[0]}" if lost else ""
+            raise ConfigError(f"{self.path}: found no picture in it that can be read{text}")
         if lost:
             self.notes.append(f"{self.path}: {len(lost)} parts cannot be read and are left out, the first: {lost[0]}")
 
@@ -150,16 +150,16 @@ class Video:
             rows = list(csv.DictReader(read_text(path).splitlines()))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ConfigError(f"{path}: is no table of file and time ({error})") from None
-        wanted = ("file", "t") if self.path.is_dir() else ("t",)
+        columns = ("file", "t") if self.path.is_dir() else ("t",)
         out = []
         for number, row in enumerate(rows, start=2):
             try:
-                values = [row[key] for key in wanted]
+                values = [row[key] for key in columns]
                 out.append((values[0], float(values[-1])))
             except (KeyError, TypeError, ValueError):
                 raise ConfigError(
                     f"{path}: line {number}: found {', '.join(f'{k}={v}' for k, v in row.items())}; expected the "
-                    f"columns {', '.join(wanted)}, t in seconds by the clock of the log"
+                    f"columns {', '.join(columns)}, t in seconds by the clock of the log"
                 ) from None
         return out
 

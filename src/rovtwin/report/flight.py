@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.datum import Datum, datum_of, said
+from rovtwin.core.datum import Datum, coordinates_text, datum_of
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
@@ -239,7 +239,7 @@ class Flight:
         if self.datum is None or not len(known):
             return ""
         latitude, longitude, _ = self.datum.geodetic(known[0])
-        return said(float(latitude), float(longitude))
+        return coordinates_text(float(latitude), float(longitude))
 
     @cached_property
     def current(self) -> np.ndarray | None:

@@ -81,10 +81,10 @@ def score_batch(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
     """
     runs = [_feasible(scenario, seed) for seed in seeds]
 
-    def said(share: float, flying: int) -> None:
+    def report(share: float, flying: int) -> None:
         progress(share, f"{flying} of {len(seeds)} still flying")
 
-    return [{"seed": seed} | one for seed, one in zip(seeds, score_together(runs, said), strict=True)]
+    return [{"seed": seed} | one for seed, one in zip(seeds, score_together(runs, report), strict=True)]
 
 
 def same_program(runs: Sequence[Simulation]) -> Iterator[list[int]]:

@@ -10,7 +10,7 @@ from rovtwin.core.flat import Layout, Packer
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, in_one_piece, jax, jnp
 
-NO_WISH = (0.0, 0.0, 0.0, 0.0)  # of a pilot: the vehicle stays
+NO_PILOT_COMMAND = (0.0, 0.0, 0.0, 0.0)  # of a pilot: the vehicle stays
 
 
 class HostAutopilot:
@@ -86,7 +86,7 @@ class HostAutopilot:
         readings: Sequence[Measurement],
         request: int = NO_REQUEST,
         host: Sequence[float] = (0.0, 0.0, 0.0),
-        pilot: Sequence[float] = NO_WISH,
+        pilot: Sequence[float] = NO_PILOT_COMMAND,
     ) -> Command:
         """One tick: the command for the readings since the last one.
 

@@ -12,7 +12,7 @@ from rovtwin.core.flow import ENDS, NO_REQUEST, Command, Measurement, Measuremen
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
 from rovtwin.runs.loop import HostLoop, Loop, Record, start_loop
-from rovtwin.runs.realtime import NO_WISH, HostAutopilot
+from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
 from rovtwin.simulation.events.topside import Topside
 from rovtwin.simulation.twin import TwinInput
 
@@ -114,7 +114,7 @@ Above = tuple[tuple[float, float, float], int, Sequence[float]]
 def above(topside: Topside | None, control_dt: float) -> Callable[[int], Above]:
     """What the host of a tick knows, the operator's request and the pilot's wish, see `HostAutopilot.step`."""
     if topside is None:
-        return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST, NO_WISH)
+        return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST, NO_PILOT_COMMAND)
     look = jax.jit(lambda t: topside.at(t, control_dt))
 
     def at(k: int) -> Above:

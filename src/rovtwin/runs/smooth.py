@@ -64,8 +64,8 @@ def smooth_run(path: Path) -> SmoothedRun:
     if not isinstance(section, ModelBasedSection):
         section = ModelBasedSection(type="model_based")
     filter = navigation_filter(section, model, sensors_of(scenario, vehicle))
-    heard = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
-    last = max(log[name].t[-1] for name in heard)
+    sensors = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
+    last = max(log[name].t[-1] for name in sensors)
     ticks = round(last / dt) + 1
     track = smooth(filter, began(log, scenario, model), slots_of(log, ticks, dt), commands_of(log, ticks, dt), dt)
     return SmoothedRun(track, _log_of(track, log), _errors(track, log))
@@ -117,8 +117,8 @@ def _log_of(track: Smoothed, source: Log) -> Log:
         "smoothed/nu": (track.t, track.nu),
         "smoothed/std": (track.t, track.std),
     }
-    told = {key: value for key, value in source.metadata.items() if key not in ("created", "log_format")}
-    return Log.from_arrays(channels, data, told)
+    metadata = {key: value for key, value in source.metadata.items() if key not in ("created", "log_format")}
+    return Log.from_arrays(channels, data, metadata)
 
 
 def _errors(track: Smoothed, log: Log) -> np.ndarray | None:

@@ -33,7 +33,7 @@ SOMEWHERE = 10.0  # how far from the given start a vehicle may be, where markers
 
 
 @dataclass(frozen=True)
-class Wanted:
+class TrackOptions:
     """What a user says of a recording; what is left out lies beside the log.
 
     Attributes:
@@ -71,7 +71,7 @@ def track_run(
     log: Path,
     vehicle: Vehicle,
     method: Method = "ekf",
-    wanted: Wanted | None = None,
+    options: TrackOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Track, Log]:
     """The track, and a log of it that identification reads as one with a position sensor.
@@ -80,66 +80,66 @@ def track_run(
         log: With the attitude.
         vehicle: That carries the cameras.
         method: One of `positioning.track.METHODS`.
-        wanted: Default: all that lies beside the log.
+        options: Default: all that lies beside the log.
         progress: Told the time of each frame [s].
 
     Raises:
         ConfigError: No video, or a file that says what cannot be.
         LogError: The log has no attitude, or no frame has a marker.
     """
-    wanted = wanted or Wanted()
-    layout = _layout(log, wanted)
-    known = bool(layout.markers) and wanted.known_layout
-    if wanted.heading_offset and not known:
+    options = options or TrackOptions()
+    layout = _layout(log, options)
+    known = bool(layout.markers) and options.known_layout
+    if options.heading_offset and not known:
         raise ConfigError("--heading-offset: without --layout north is the compass's; leave it out, or give a layout")
-    if wanted.heading_offset and method == "luenberger":
+    if options.heading_offset and method == "luenberger":
         raise ConfigError("--heading-offset: --method luenberger takes north as measured; use ekf or smoother")
     source = Log.read(log)
-    cameras, videos = _videos(log, vehicle, wanted)
-    sizes = np.asarray(sizes_of({marker.id: marker.size for marker in layout.markers}, default=wanted.size))
+    cameras, videos = _videos(log, vehicle, options)
+    sizes = np.asarray(sizes_of({marker.id: marker.size for marker in layout.markers}, default=options.size))
     seen = record(source, videos, cameras, Detector(layout.dictionary), sizes, progress=progress)
-    chosen: dict[str, Any] = {} if wanted.acceleration is None else {"acceleration": wanted.acceleration}
+    chosen: dict[str, Any] = {} if options.acceleration is None else {"acceleration": options.acceleration}
     tuning = SlamTuning.of(
-        attitude=wanted.attitude_noise,
+        attitude=options.attitude_noise,
         start_position=SOMEWHERE if known else 0.0,
-        offset=[0.0, 0.0, wanted.heading_offset],
+        offset=[0.0, 0.0, options.heading_offset],
         **chosen,
     )
-    found = track(seen, cameras, method, layout if known else None, tuning, sizes, wanted.start)
-    scale = layout.scale_std if wanted.scale_std is None else wanted.scale_std
+    found = track(seen, cameras, method, layout if known else None, tuning, sizes, options.start)
+    scale = layout.scale_std if options.scale_std is None else options.scale_std
     return found, track_log(
         found, source, {"cameras": [camera.name for camera in cameras], "track_scale_std": str(scale)}
     )
 
 
-def _layout(log: Path, wanted: Wanted) -> Layout:
+def _layout(log: Path, options: TrackOptions) -> Layout:
     beside = log.parent / LAYOUT
-    path = wanted.layout or (beside if beside.is_file() else None)
-    if path and wanted.dictionary:
+    path = options.layout or (beside if beside.is_file() else None)
+    if path and options.dictionary:
         raise ConfigError(
-            f"--dictionary {wanted.dictionary}: {path} says which it is; leave it out, or change it there"
+            f"--dictionary {options.dictionary}: {path} says which it is; leave it out, or change it there"
         )
-    return read_layout(path) if path else parse(Layout, {"dictionary": wanted.dictionary or USUAL}, "--dictionary")
+    return read_layout(path) if path else parse(Layout, {"dictionary": options.dictionary or USUAL}, "--dictionary")
 
 
-def _videos(log: Path, vehicle: Vehicle, wanted: Wanted) -> tuple[list[Camera], list[Video]]:
+def _videos(log: Path, vehicle: Vehicle, options: TrackOptions) -> tuple[list[Camera], list[Video]]:
     """Cameras that have a video, with the lens that lies beside it, and their videos."""
-    cameras = choose(vehicle, list(wanted.cameras), list(wanted.lenses))
+    cameras = choose(vehicle, list(options.cameras), list(options.lenses))
     stems = [log.parent / camera.name.replace(".", "_") for camera in cameras]
-    if wanted.videos and len(wanted.videos) != len(cameras):
+    if options.videos and len(options.videos) != len(cameras):
         raise ConfigError(
-            f"--video: found {len(wanted.videos)} for {len(cameras)} cameras ({', '.join(c.name for c in cameras)}); "
+            f"--video: found {len(options.videos)} for {len(cameras)} cameras ({', '.join(c.name for c in cameras)}); "
             "give --camera for each video"
         )
-    paths = list(wanted.videos) or [_beside(stem) for stem in stems]
+    paths = list(options.videos) or [_beside(stem) for stem in stems]
     found = []
     for camera, stem, path in zip(cameras, stems, paths, strict=True):
         if path is None:
             continue
         lens = stem.with_suffix(".yaml")
-        if not wanted.lenses and not wanted.videos and lens.is_file():
+        if not options.lenses and not options.videos and lens.is_file():
             camera = Camera(camera.name, read_lens(lens), camera.position, camera.R_bc)
-        found.append((camera, Video(path, camera.lens.size, wanted.video_start)))
+        found.append((camera, Video(path, camera.lens.size, options.video_start)))
     if not found:
         names = ", ".join(f"{stem.name}.mcap" for stem in stems)
         raise ConfigError(

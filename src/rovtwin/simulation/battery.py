@@ -95,12 +95,12 @@ class Battery(Block):
         """One control tick; Simpson's rule over each of its steps."""
         each = thruster_power(self.ahead, self.astern, input.force)
         mean = ((each[:, 0] + 4.0 * each[:, 1] + each[:, 2]) / 6.0).mean(0)
-        wanted = jnp.sum(self.feeds * mean, axis=1) + self.hotel_load
+        demand = jnp.sum(self.feeds * mean, axis=1) + self.hotel_load
         left = self.capacity - memory.used
-        energy = jnp.minimum(wanted * dt, left)
+        energy = jnp.minimum(demand * dt, left)
         used = memory.used + energy
         # Written so that an empty one is empty to the bit.
-        charge = jnp.where(wanted * dt < left, 1.0 - used / self.capacity, 0.0)
+        charge = jnp.where(demand * dt < left, 1.0 - used / self.capacity, 0.0)
         after = BatteryState(jnp.where(charge > 0.0, used, self.capacity), charge, energy / dt)
         return after, after
 

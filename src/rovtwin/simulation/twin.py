@@ -159,17 +159,17 @@ class Twin(Block):
 
     def _nu_dot(self, k: Array, j: Array, state: State, environment: Environment, last: Array, h: float) -> Array:
         """Acceleration at the end of physics step k; computed when an accelerometer reads it, or as output."""
-        wanted = j == self.substeps - 1
+        needed = j == self.substeps - 1
         for sensor in self.sensors.values():
             if sensor.kind == "accelerometer":
-                wanted = wanted | sensor.ticks(k)
+                needed = needed | sensor.ticks(k)
         tau = self.model.thrusters.configuration @ state.thrust
 
         def now() -> Array:
             inflow = inflow_of(self.model, state.thrust)
             return acceleration(self.model, state.position, state.attitude, state.nu, tau, environment, h, inflow)
 
-        return jax.lax.cond(wanted, now, lambda: last)
+        return jax.lax.cond(needed, now, lambda: last)
 
     def _sense(
         self, memory: TwinMemory, output: TwinOutput, seen: SensorInput, first: Array, h: float

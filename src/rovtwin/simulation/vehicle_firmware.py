@@ -121,18 +121,18 @@ class Onboard(Block):
     def step(self, memory: OnboardMemory, input: OnboardInput, dt: float) -> tuple[OnboardMemory, OnboardOutput]:
         order, eta = input.order, input.eta
         stick = jnp.where(jnp.abs(order.motion) > DEAD, order.motion, 0.0)
-        wished = _axes(order)
-        on = wished & input.known
+        commanded = _axes(order)
+        on = commanded & input.known
         rate = stick * as_array(RATE) * on
         held = self._held(memory, order, eta, on, rate, dt)
         away = _turned(held - eta, eta[5], -1.0)
         away = jnp.clip(away, -as_array(REACH), as_array(REACH))
         w = self.frequency
-        wanted = self.inertia * (w**2 * away + 2.0 * w * (rate - input.nu)) + memory.integral
-        pushed = jnp.where(wished, 0.0, stick * self.largest)
-        tau = jnp.where(on, jnp.clip(wanted, -self.largest, self.largest), pushed)
+        desired = self.inertia * (w**2 * away + 2.0 * w * (rate - input.nu)) + memory.integral
+        pushed = jnp.where(commanded, 0.0, stick * self.largest)
+        tau = jnp.where(on, jnp.clip(desired, -self.largest, self.largest), pushed)
         grown = memory.integral + self.inertia * INTEGRAL * w**3 * away * dt
-        integral = jnp.where(on & (jnp.abs(wanted) < self.largest), grown, memory.integral)
+        integral = jnp.where(on & (jnp.abs(desired) < self.largest), grown, memory.integral)
         command, tau = self._allocated(jnp.where(order.armed, tau, 0.0))
         live = order.armed & on
         return OnboardMemory(held, live, jnp.where(live, integral, 0.0), order.aimed), OnboardOutput(command, tau)
@@ -215,8 +215,8 @@ class Sense(Block):
 
     def step(self, memory: SenseMemory, input: Measurements, dt: float) -> tuple[SenseMemory, Sensed]:
         pressure, attitude, gyro = (input[name] for name in self.names)
-        heard = jnp.stack([jnp.any(slot.valid) for slot in (pressure, attitude, gyro)])
-        silence = jnp.where(heard, 0.0, memory.silence + dt)
+        received = jnp.stack([jnp.any(slot.valid) for slot in (pressure, attitude, gyro)])
+        silence = jnp.where(received, 0.0, memory.silence + dt)
         depth, known = memory.depth, memory.silence[0] < SILENT
         depth = jnp.stack([depth[0] + jnp.where(known, depth[1] * dt, 0.0), depth[1]])
         for row in range(pressure.valid.shape[0]):

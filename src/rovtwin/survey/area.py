@@ -14,9 +14,9 @@ from pydantic import Field
 
 from rovtwin.core import files as given
 from rovtwin.core.config import Number, Strict, parse
-from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, said
+from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, coordinates_text
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import read_yaml, said_kind
+from rovtwin.core.yamlfile import kind_in_words, read_yaml
 from rovtwin.survey.library import shapely_library
 
 SMALLEST = 1e-4  # less is no area [m^2]
@@ -91,7 +91,7 @@ def _read_json(path: Path) -> dict[str, Any]:
     except (UnicodeDecodeError, RecursionError, ValueError):
         raise ConfigError(f"{path.name}: is not JSON text, expected GeoJSON") from None
     if not isinstance(data, dict):
-        raise ConfigError(f"{path.name}: found {said_kind(data)}, expected GeoJSON: an object with a type")
+        raise ConfigError(f"{path.name}: found {kind_in_words(data)}, expected GeoJSON: an object with a type")
     crs = data.get("crs")
     if crs is not None and not any(known in json.dumps(crs) for known in _ON_EARTH):
         raise ConfigError(f"{path.name}: crs: found {json.dumps(crs)[:80]}, expected WGS-84: export it as EPSG:4326")
@@ -121,13 +121,13 @@ def _polygons(data: Any, where: str) -> Iterator[list[Ring]]:
             for i, rings in enumerate(_list(data.get("coordinates"), f"{dot}coordinates")):
                 yield _rings(rings, f"{dot}coordinates[{i}]")
         case _:
-            found = repr(kind) if isinstance(data, dict) else said_kind(data)
+            found = repr(kind) if isinstance(data, dict) else kind_in_words(data)
             raise ConfigError(f"{dot}type: found {found}, expected Polygon, MultiPolygon, Feature or FeatureCollection")
 
 
 def _list(value: Any, where: str) -> list[Any]:
     if not isinstance(value, list) or not value:
-        raise ConfigError(f"{where}: found {said_kind(value)}, expected a list that is not empty")
+        raise ConfigError(f"{where}: found {kind_in_words(value)}, expected a list that is not empty")
     return value
 
 
@@ -141,7 +141,7 @@ def _corners(ring: Any, where: str) -> np.ndarray:
     for i, place in enumerate(_list(ring, where)):
         good = isinstance(place, list) and len(place) >= 2 and all(_is_number(value) for value in place[:2])
         if not good:
-            raise ConfigError(f"{where}[{i}]: found {said_kind(place)}, expected [longitude, latitude] in degrees")
+            raise ConfigError(f"{where}[{i}]: found {kind_in_words(place)}, expected [longitude, latitude] in degrees")
         try:
             check_coordinates(place[1], place[0])
         except ConfigError as error:
@@ -208,5 +208,6 @@ def _require_near(polygons: list[list[Ring]], shapes: list[Any], datum: Datum, f
             else f"mend it, or lay the datum there: --datum {latitude:.6f},{longitude:.6f} (or --datum auto)"
         )
         raise ConfigError(
-            f"{where} at {said(datum.latitude, datum.longitude)}, expected at most {FARTHEST / 1000:.0f} km: {fix}"
+            f"{where} at {coordinates_text(datum.latitude, datum.longitude)}, "
+            f"expected at most {FARTHEST / 1000:.0f} km: {fix}"
         )

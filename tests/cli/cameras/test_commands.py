@@ -15,7 +15,7 @@ from rovtwin.cli.cameras.track import track
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.positioning.camera_file import as_data
-from rovtwin.runs.track import Wanted, _layout
+from rovtwin.runs.track import TrackOptions, _layout
 
 cv2 = pytest.importorskip("cv2")
 app = typer.Typer()
@@ -59,9 +59,9 @@ def test_track_with_json_and_a_layout(recorded):
     (recorded / "layout.yaml").write_text(yaml.safe_dump(LAYOUT.model_dump()))
     result = run(*arguments(recorded, "--layout", recorded / "layout.yaml", "--json"))
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["frames"] == 4 and [m["id"] for m in told["markers"]] == [0, 1]
-    assert np.allclose(told["markers"][0]["std"], 0.0)
+    data = json.loads(result.stdout)
+    assert data["frames"] == 4 and [m["id"] for m in data["markers"]] == [0, 1]
+    assert np.allclose(data["markers"][0]["std"], 0.0)
 
 
 def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
@@ -77,7 +77,7 @@ def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "message"),
     [
         (["--method", "kalman"], "--method: found 'kalman', expected one of ekf, luenberger, smoother"),
         (["--camera", "starboard"], "found 1 lens files for 2 cameras"),
@@ -87,10 +87,10 @@ def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
         (["--dictionary", "DICT_9X9"], "found 'DICT_9X9', expected one of"),
     ],
 )
-def test_what_cannot_be_done_is_named(recorded, more, said):
+def test_what_cannot_be_done_is_named(recorded, more, message):
     result = run(*arguments(recorded, *more))
     assert isinstance(result.exception, ConfigError)
-    assert said in str(result.exception)
+    assert message in str(result.exception)
 
 
 def test_a_video_of_another_size_than_the_cameras_and_none_at_all_are_named(recorded):
@@ -125,4 +125,4 @@ def test_a_dictionary_beside_a_layout_is_refused(tmp_path):
     """The layout says which markers it has; the option was ignored in silence."""
     (tmp_path / "layout.yaml").write_text("dictionary: DICT_4X4_50\nmarkers: []\n")
     with pytest.raises(ConfigError, match=r"--dictionary DICT_5X5_50: .*layout\.yaml says which it is"):
-        _layout(tmp_path / "log.mcap", Wanted(dictionary="DICT_5X5_50"))
+        _layout(tmp_path / "log.mcap", TrackOptions(dictionary="DICT_5X5_50"))

@@ -55,9 +55,9 @@ def test_decay_writes_a_block_and_a_figure(tmp_path, monkeypatch, capsys):
 def test_decay_with_a_known_weight(tmp_path, monkeypatch, capsys):
     plain, heavy = write_decay(tmp_path / "a.csv", 1), write_decay(tmp_path / "b.csv", 2, 2.683, 0.09)
     code, out, _ = run(monkeypatch, capsys, "decay", plain, "--ballasted", heavy, "--weight", 2.683, 0.09, "--json")
-    told = json.loads(out)["coefficients"]
-    assert code == 0 and told["inertia_kgm2"] == pytest.approx(J, rel=0.06)
-    assert told["stiffness_Nm_per_rad"] == pytest.approx(K, rel=0.06)
+    data = json.loads(out)["coefficients"]
+    assert code == 0 and data["inertia_kgm2"] == pytest.approx(J, rel=0.06)
+    assert data["stiffness_Nm_per_rad"] == pytest.approx(K, rel=0.06)
 
 
 def test_decay_from_a_log_of_another_kind_needs_its_vehicle(tmp_path, monkeypatch, capsys):
@@ -74,7 +74,7 @@ def test_radians_and_degrees_are_told_by_the_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--axis", "yaw"], "expected roll or pitch"),
         (["--axis", "pitch"], "--column"),
@@ -88,11 +88,11 @@ def test_radians_and_degrees_are_told_by_the_name(tmp_path):
         (["--figure", "x.jpg"], "unknown ending"),
     ],
 )
-def test_decay_bad_input(tmp_path, monkeypatch, capsys, words, said):
+def test_decay_bad_input(tmp_path, monkeypatch, capsys, words, message):
     write_decay(tmp_path / "roll.csv")
     monkeypatch.chdir(tmp_path)
     code, out, err = run(monkeypatch, capsys, "decay", "roll.csv", *words)
-    assert code == 2 and said in err and "Traceback" not in err + out
+    assert code == 2 and message in err and "Traceback" not in err + out
 
 
 def test_degrees_read_as_radians_are_named(tmp_path, monkeypatch, capsys):
@@ -130,7 +130,7 @@ def test_thrust_and_damping_from_speeds(tmp_path, monkeypatch, capsys, surge):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ([], "no file"),
         (["nix.csv"], "no such file"),
@@ -140,7 +140,7 @@ def test_thrust_and_damping_from_speeds(tmp_path, monkeypatch, capsys, surge):
         (["--speeds", "surge.csv", "--full", "20", "--dof", "up", "-o", "x.yaml"], "--dof"),
     ],
 )
-def test_thrust_bad_input(tmp_path, monkeypatch, capsys, surge, words, said):
+def test_thrust_bad_input(tmp_path, monkeypatch, capsys, surge, words, message):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(monkeypatch, capsys, "thrust", *words)
-    assert code == 2 and said in err and "Traceback" not in err + out
+    assert code == 2 and message in err and "Traceback" not in err + out

@@ -54,25 +54,25 @@ def run(logs, tmp_path, monkeypatch):
 
     def words_of(*words):
         given = [str(logs[w]) if w in logs else str(w) for w in words]
-        said = CliRunner().invoke(app, ["identify", "bluerov2", *given, "-o", str(tmp_path / "out.yaml")])
-        return said, seen
+        result = CliRunner().invoke(app, ["identify", "bluerov2", *given, "-o", str(tmp_path / "out.yaml")])
+        return result, seen
 
     return words_of
 
 
 def test_a_bad_held_out_log_is_left_out_and_the_fit_goes_on(run):
-    said, seen = run("good", "--validate", "bad", "--validate", "other", "--json")
-    assert said.exit_code == 0, said.output
+    result, seen = run("good", "--validate", "bad", "--validate", "other", "--json")
+    assert result.exit_code == 0, result.output
     assert seen == {"fit": ["good"], "held_out": ["other"]}
-    told = json.loads(said.stdout)
-    (row,) = [r for r in told["tests"] if r["use"] == "left out"]
+    data = json.loads(result.stdout)
+    (row,) = [r for r in data["tests"] if r["use"] == "left out"]
     assert row["name"] == "bad" and "degrees" in row["notes"][0]
-    assert any(f.startswith("bad was to be held out and is left out: gyro: ") for f in told["findings"])
+    assert any(f.startswith("bad was to be held out and is left out: gyro: ") for f in data["findings"])
 
 
 def test_what_is_left_out_is_said_on_the_screen_and_in_the_report(run, monkeypatch, logs):
-    said, _ = run("good", "--validate", "bad")
-    assert "bad was to be held out and is left out: gyro: " in " ".join(said.output.split())
+    output, _ = run("good", "--validate", "bad")
+    assert "bad was to be held out and is left out: gyro: " in " ".join(output.output.split())
     kept = {}
     monkeypatch.setattr(command, "_print", lambda screen, result: kept.update(result=result))
     run("good", "--validate", "bad")
@@ -82,50 +82,50 @@ def test_what_is_left_out_is_said_on_the_screen_and_in_the_report(run, monkeypat
 
 def test_a_held_out_log_that_cannot_be_read_is_left_out_but_a_missing_one_is_refused(run, tmp_path):
     (tmp_path / "broken.csv").write_text("t,p\n")
-    said, seen = run("good", "--validate", tmp_path / "broken.csv")
-    assert said.exit_code == 0, said.output
+    result, seen = run("good", "--validate", tmp_path / "broken.csv")
+    assert result.exit_code == 0, result.output
     assert seen == {"fit": ["good"], "held_out": []}
-    assert "broken was to be held out and is left out" in said.output
-    said, _ = run("good", "--validate", tmp_path / "gone.csv")
-    assert isinstance(said.exception, IdentificationError) and "no such file" in str(said.exception)
+    assert "broken was to be held out and is left out" in result.output
+    result, _ = run("good", "--validate", tmp_path / "gone.csv")
+    assert isinstance(result.exception, IdentificationError) and "no such file" in str(result.exception)
 
 
 def test_a_bad_log_that_is_to_be_fitted_is_refused_and_the_way_out_is_that_log(run):
-    said, _ = run("good", "bad", "--fit-share", 1)
-    assert isinstance(said.exception, IdentificationError)
-    assert "bad: gyro: " in str(said.exception) and "--trust 'bad'" in str(said.exception)
-    assert "--trust 'good'" not in str(said.exception)
+    result, _ = run("good", "bad", "--fit-share", 1)
+    assert isinstance(result.exception, IdentificationError)
+    assert "bad: gyro: " in str(result.exception) and "--trust 'bad'" in str(result.exception)
+    assert "--trust 'good'" not in str(result.exception)
 
 
 def test_trust_is_of_one_log_and_still_says_what_the_checks_said(run):
-    said, seen = run("good", "bad", "--fit-share", 1, "--trust", "bad", "--json")
-    assert said.exit_code == 0, said.output
+    result, seen = run("good", "bad", "--fit-share", 1, "--trust", "bad", "--json")
+    assert result.exit_code == 0, result.output
     assert seen["fit"] == ["good", "bad"]
-    assert any("bad is used though the checks say: gyro: " in f for f in json.loads(said.stdout)["findings"])
-    said, _ = run("bad", "worse", "--fit-share", 1, "--trust", "bad.csv")
-    assert isinstance(said.exception, IdentificationError)
-    assert "worse: gyro" in str(said.exception) and "bad: gyro" not in str(said.exception)
+    assert any("bad is used though the checks say: gyro: " in f for f in json.loads(result.stdout)["findings"])
+    result, _ = run("bad", "worse", "--fit-share", 1, "--trust", "bad.csv")
+    assert isinstance(result.exception, IdentificationError)
+    assert "worse: gyro" in str(result.exception) and "bad: gyro" not in str(result.exception)
 
 
 def test_the_old_flag_trusts_all_and_says_all(run):
-    said, seen = run("bad", "worse", "--fit-share", 1, "--trust-logs")
-    assert said.exit_code == 0, said.output
+    result, seen = run("bad", "worse", "--fit-share", 1, "--trust-logs")
+    assert result.exit_code == 0, result.output
     assert seen["fit"] == ["bad", "worse"]
-    assert all(f"{name} is used though the checks say" in said.output for name in ("bad", "worse"))
+    assert all(f"{name} is used though the checks say" in result.output for name in ("bad", "worse"))
 
 
 def test_trust_in_a_log_that_is_not_there_is_a_mistake(run):
-    said, _ = run("good", "--fit-share", 1, "--trust", "goood")
-    assert isinstance(said.exception, ConfigError) and "Did you mean 'good'" in str(said.exception)
+    result, _ = run("good", "--fit-share", 1, "--trust", "goood")
+    assert isinstance(result.exception, ConfigError) and "Did you mean 'good'" in str(result.exception)
 
 
 def test_the_held_out_part_of_a_log_is_checked_with_the_log(run, logs, tmp_path):
     """Not as a log of its own: a part is too short to tell a clock, and would be judged otherwise than the rest."""
     text = f"vehicle: bluerov2\nlogs: [{{file: {logs['bad']}, fit_share: 0.7}}]"
     (tmp_path / "evidence.yaml").write_text(text)
-    said, _ = run("--evidence", tmp_path / "evidence.yaml")
-    assert isinstance(said.exception, IdentificationError)
-    assert str(said.exception).count("gyro: ") == 1
-    said, seen = run("--evidence", tmp_path / "evidence.yaml", "--trust", "bad")
-    assert said.exit_code == 0, said.output
+    result, _ = run("--evidence", tmp_path / "evidence.yaml")
+    assert isinstance(result.exception, IdentificationError)
+    assert str(result.exception).count("gyro: ") == 1
+    result, seen = run("--evidence", tmp_path / "evidence.yaml", "--trust", "bad")
+    assert result.exit_code == 0, result.output
     assert seen == {"fit": ["bad (fitted part)"], "held_out": ["bad (held out)"]}

@@ -109,7 +109,7 @@ def test_ids_are_read_as_people_write_them(text, found):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"size": 0.3}, "a4 has room for 150 mm: take a smaller one or --page a3"),
         ({"page": "a5"}, "expected one of a4, a3, letter"),
@@ -117,9 +117,9 @@ def test_ids_are_read_as_people_write_them(text, found):
         ({"dictionary": "DICT_4X4_60"}, "Did you mean 'DICT_4X4_50'"),
     ],
 )
-def test_what_cannot_be_printed_is_named(tmp_path, change, said):
+def test_what_cannot_be_printed_is_named(tmp_path, change, message):
     given = {"dictionary": "DICT_4X4_50", "ids": [0], "size": 0.1, "page": "a4"} | change
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         write_markers(tmp_path / "m.pdf", **given)
 
 

@@ -61,8 +61,8 @@ def result(vehicle):
     n, names = len(parameters), parameters.names
     prior = Gaussian(np.zeros(n), 0.25 * np.eye(n))
     information = 1e4 * np.eye(n)
-    wanted = ("linear_damping.surge", "quadratic_damping.surge", "quadratic_damping.roll")
-    i, j, roll = (names.index(name) for name in wanted)
+    expected = ("linear_damping.surge", "quadratic_damping.surge", "quadratic_damping.roll")
+    i, j, roll = (names.index(name) for name in expected)
     information[i, i] = information[j, j] = 1e4
     information[i, j] = information[j, i] = 9.9999e3
     information[roll, roll] = 0.0
@@ -127,9 +127,11 @@ def test_the_verdict_comes_first_and_says_what_was_learnt_and_what_not(page, res
     assert f"{learnt} of {len(result.verdicts)} parameters learnt from 20 seconds of 1 test" in text
     assert text.index("parameters learnt") < text.index("Damping forces")
     assert "Known from the prior only: quadratic damping (roll)" in text
-    said = verdict(result, curves_of(result)[0])
-    assert any(s.startswith("Damping force at the fastest speed tested") and "surge ±" in s for s in said.sentences)
-    assert any("every one is better" in s for s in said.sentences)
+    found_text = verdict(result, curves_of(result)[0])
+    assert any(
+        s.startswith("Damping force at the fastest speed tested") and "surge ±" in s for s in found_text.sentences
+    )
+    assert any("every one is better" in s for s in found_text.sentences)
 
 
 def test_what_did_not_settle_or_was_not_held_out_is_bad_news(result):
@@ -193,12 +195,12 @@ def test_the_heading_tells_a_good_model_from_a_weak_one(result):
 
 
 def test_excitation_tells_what_never_moved_from_what_cannot_be_told_apart(result):
-    said = dict(zip(result.parameters.names, excitation(result), strict=True))
-    assert said["added_mass.surge"] == "excited"
-    assert said["quadratic_damping.roll"] == "not excited"
+    text = dict(zip(result.parameters.names, excitation(result), strict=True))
+    assert text["added_mass.surge"] == "excited"
+    assert text["quadratic_damping.roll"] == "not excited"
     flat = replace(result, blind=[], covariance=_widened(result))
-    said = dict(zip(flat.parameters.names, excitation(flat), strict=True))
-    assert said["linear_damping.surge"] == "excited, not told apart from quadratic_damping.surge (-0.95)"
+    text = dict(zip(flat.parameters.names, excitation(flat), strict=True))
+    assert text["linear_damping.surge"] == "excited, not told apart from quadratic_damping.surge (-0.95)"
 
 
 def test_many_parameters_that_are_not_learnt_are_one_line_few_have_one_each(result):
@@ -308,8 +310,8 @@ def test_forces_are_shown_of_directions_that_were_estimated(vehicle):
 
 def test_thrust_that_was_taken_as_exact_is_named(vehicle):
     every = catalogue(vehicle)
-    (said,) = about_thrust(choose(every, ["added_mass.surge", "*_damping.surge"]))
-    assert "taken as exact" in said and "anchors" in said
+    (text,) = about_thrust(choose(every, ["added_mass.surge", "*_damping.surge"]))
+    assert "taken as exact" in text and "anchors" in text
     assert about_thrust(choose(every, ["*.surge", "thrusters.*"])) == []
     assert about_thrust(choose(every, ["restoring.*"])) == []
 

@@ -260,8 +260,8 @@ def test_an_aborted_run_is_not_praised_and_its_figures_are_plain_numbers():
         verdict(with_summary(completed=completed, phase=phase, **figures))
         for completed, phase in ((False, "aborted"), (True, "finished"))
     )
-    (said,) = [s for s in ended.sentences if "horizontal position" in s]
-    assert "to 6.4 mm and 5.4 mm rms (north and east)" in said and said.endswith("is 18 mm and 18 mm.")
+    (text,) = [s for s in ended.sentences if "horizontal position" in s]
+    assert "to 6.4 mm and 5.4 mm rms (north and east)" in text and text.endswith("is 18 mm and 18 mm.")
     assert any("luckier than the average" in s for s in done.sentences)
     rows = scores({"position_error_rms_m": [6.4e-4, 1.23e-2], "effort_n2s": 238586.6, "depth_rms_m": 5.4e-5})
     assert [row.value for row in rows] == ["0.000054", "0.00064, 0.012", "238 587"]

@@ -36,8 +36,8 @@ def identified(shift=0.0, std=0.05, correlation=0.0, groups=None, free=FREE):
 
 @pytest.fixture(scope="module")
 def files():
-    said = {"first": identified(), "second": identified([0.04, 0.04], correlation=-0.97), "plain": None}
-    loaded = {n: vehicle_from_dict(d, n) if d else load_vehicle("double_blueye") for n, d in said.items()}
+    text = {"first": identified(), "second": identified([0.04, 0.04], correlation=-0.97), "plain": None}
+    loaded = {n: vehicle_from_dict(d, n) if d else load_vehicle("double_blueye") for n, d in text.items()}
     return {name: stated(vehicle, name) for name, vehicle in loaded.items()}
 
 
@@ -166,12 +166,12 @@ def test_for_a_machine(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [(["double_blueye"], "give two or more"), (["double_blueye", "double_bluye"], "double_blueye")],
 )
-def test_what_cannot_be_compared_is_said(monkeypatch, capsys, words, said):
+def test_what_cannot_be_compared_is_said(monkeypatch, capsys, words, message):
     code, out = run(monkeypatch, capsys, *words)
-    assert code == 2 and said in out.err and "Traceback" not in out.err
+    assert code == 2 and message in out.err and "Traceback" not in out.err
 
 
 def test_labels_are_short_and_different():
@@ -180,6 +180,8 @@ def test_labels_are_short_and_different():
     assert labels(["a", "a"]) == ["a (1)", "a (2)"]
 
 
-@pytest.mark.parametrize(("share", "said"), [(0.123, "+12 %"), (-0.011, "-1.1 %"), (-1e-6, "+0.0 %"), (13.4, "x 14.4")])
-def test_relative_differences_in_few_digits(share, said):
-    assert said_relative(share) == said
+@pytest.mark.parametrize(
+    ("share", "message"), [(0.123, "+12 %"), (-0.011, "-1.1 %"), (-1e-6, "+0.0 %"), (13.4, "x 14.4")]
+)
+def test_relative_differences_in_few_digits(share, message):
+    assert said_relative(share) == message

@@ -66,13 +66,13 @@ def track(
     """
     from rovtwin.core.quantity import LENGTH, point, positive
     from rovtwin.positioning.track import METHODS
-    from rovtwin.runs.track import Wanted, track_run
+    from rovtwin.runs.track import TrackOptions, track_run
     from rovtwin.vehicle import load_vehicle
 
     if method not in METHODS:
         raise ConfigError(f"--method: found '{method}', expected one of {', '.join(METHODS)}")
     check_free(out, overwrite)
-    wanted = Wanted(
+    options = TrackOptions(
         videos=video or (),
         video_start=video_start,
         cameras=camera or (),
@@ -87,8 +87,8 @@ def track(
         scale_std=marker_scale_std,
         heading_offset=radians(heading_offset),
     )
-    with looking_for_markers() as told:
-        found, written = track_run(log, load_vehicle(vehicle), method, wanted, told)
+    with looking_for_markers() as progress:
+        found, written = track_run(log, load_vehicle(vehicle), method, options, progress)
     written.write(out, overwrite=overwrite)
     if as_json:
         emit(_as_data(found) | {"log": str(out)})

@@ -10,7 +10,7 @@ from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, tabl
 from rovtwin.cli.scenarios import Overrides, ScenarioName
 
 if TYPE_CHECKING:
-    from rovtwin.campaign.tune_result import Tuned, Wish
+    from rovtwin.campaign.tune_result import Tuned, TuningRequest
 
 
 def tune(
@@ -59,9 +59,9 @@ def tune(
     require("cmaes")
     from rovtwin.campaign.tune_cost import weights_of
     from rovtwin.campaign.tune_parameters import chosen
-    from rovtwin.campaign.tune_result import Wish
+    from rovtwin.campaign.tune_result import TuningRequest
 
-    wish = Wish(
+    request = TuningRequest(
         scenario=load_scenario(scenario, overrides or ()),
         tunables=chosen(only or ()),
         seas=sea or (),
@@ -74,10 +74,10 @@ def tune(
         own=own_mission,
         workers=workers,
     )
-    tuned = _run(wish)
+    tuned = _run(request)
     from rovtwin.campaign.tune_writing import as_data, write_tuned
 
-    folder = out or Path("runs") / f"tune-{wish.scenario.name}"
+    folder = out or Path("runs") / f"tune-{request.scenario.name}"
     files = {name: str(path) for name, path in write_tuned(tuned, folder, report).items()}
     if as_json:
         emit(as_data(tuned) | {"run_dir": str(folder), "files": files})
@@ -85,28 +85,28 @@ def tune(
     raise typer.Exit(DONE if tuned.held_out.better else FAILED)
 
 
-def _run(wish: "Wish") -> "Tuned":
+def _run(request: "TuningRequest") -> "Tuned":
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console(True), transient=True) as bar:
-        task = bar.add_task(f"{wish.scenario.name}: loading", total=1.0)
+        task = bar.add_task(f"{request.scenario.name}: loading", total=1.0)
         from rovtwin.campaign.tune import tune as tune_it
 
         def progress(what: str, share: float) -> None:
-            bar.update(task, description=f"{wish.scenario.name}: {what}", completed=share)
+            bar.update(task, description=f"{request.scenario.name}: {what}", completed=share)
 
-        return tune_it(wish, progress)
+        return tune_it(request, progress)
 
 
 def _say(tuned: "Tuned", files: dict[str, str], screen: Any) -> None:
     from rovtwin.campaign.tune_result import terms_table
     from rovtwin.campaign.tune_writing import sentences
 
-    head, said = sentences(tuned)
+    head, sentences_of = sentences(tuned)
     screen.print(head, style="bold", markup=False)
-    for sentence in said:
+    for sentence in sentences_of:
         screen.print(f"- {sentence}", markup=False)
     rows = table("parameters", "name", "unit", "hand-tuned", "tuned", "cost of putting it back")
-    for one in tuned.wish.tunables:
+    for one in tuned.request.tunables:
         before, after = tuned.values()[one.name]
         rows.add_row(one.name, one.unit, figure(before), figure(after), f"{tuned.influence[one.name]:+.3f}")
     screen.print(rows)

@@ -67,8 +67,8 @@ def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
 
     found = check_it(vehicle)
     if as_json:
-        said = {"verdict": found.verdict, "reservations": found.reservations, "findings": found.findings}
-        emit({"vehicle": vehicle, "valid": True, **said})
+        data = {"verdict": found.verdict, "reservations": found.reservations, "findings": found.findings}
+        emit({"vehicle": vehicle, "valid": True, **data})
     else:
         out = console(False)
         out.print(f"{vehicle}: {found.verdict}", markup=False, soft_wrap=True)
@@ -117,11 +117,11 @@ def ballast(
     from rovtwin.core.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
     from rovtwin.vehicle.analysis.tables import ballast_tables
     from rovtwin.vehicle.description.water import density_of
-    from rovtwin.vehicle.outfitting.ballast import LIFT, Wish
+    from rovtwin.vehicle.outfitting.ballast import LIFT, BallastTarget
     from rovtwin.vehicle.outfitting.ballasted import Materials
     from rovtwin.vehicle.outfitting.ballasted import ballast as ballast_it
 
-    wish = Wish(
+    target = BallastTarget(
         None if buoyancy is None else quantity(buoyancy, LIFT, "--buoyancy"),
         level,
         None if bg is None else quantity(bg, LENGTH, "--bg"),
@@ -134,7 +134,7 @@ def ballast(
     )
     found = ballast_it(
         vehicle,
-        wish,
+        target,
         materials,
         water_density=None if water is None else density_of(water),
         step=None if step is None else positive(step, MASS, "--round"),

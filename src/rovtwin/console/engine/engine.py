@@ -24,7 +24,7 @@ from rovtwin.console.engine.vessel import SessionBuilder, VehicleSession, Wanted
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
-from rovtwin.runs.realtime import NO_WISH
+from rovtwin.runs.realtime import NO_PILOT_COMMAND
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ class Engine:
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
-        self._wish, self._wished_at = NO_WISH, -np.inf
+        self._wish, self._wished_at = NO_PILOT_COMMAND, -np.inf
         self._changes = Changes()
         self._urgent = ExitStack()
 
@@ -231,7 +231,7 @@ class Engine:
         if ticker is None or not self._listen():
             return False
         now = time.monotonic()
-        wish = self._wish if now - self._wished_at < WISH_LIFE else NO_WISH
+        wish = self._wish if now - self._wished_at < WISH_LIFE else NO_PILOT_COMMAND
         if not ticker.tick(now - self._heard_operator, wish, self.switch.armed):
             return False
         if self.switch.armed:

@@ -13,7 +13,7 @@ from rovtwin.core.numerics import as_array, jax
 from rovtwin.gnc.interfaces import MODE_RUNNING
 from rovtwin.live.flight import ROOM
 from rovtwin.runs.compose.composition import Simulation
-from rovtwin.runs.realtime import NO_WISH, HostAutopilot
+from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
 
 
 class Steering(abc.ABC):
@@ -39,7 +39,9 @@ class Steering(abc.ABC):
         self._host.restart(self._fresh(start))
         self._idle = True
 
-    def tick(self, readings: Sequence[Measurement], host: Sequence[float], pilot: Sequence[float] = NO_WISH) -> Command:
+    def tick(
+        self, readings: Sequence[Measurement], host: Sequence[float], pilot: Sequence[float] = NO_PILOT_COMMAND
+    ) -> Command:
         """The command for the readings since the last tick, see HostAutopilot.step."""
         # An idle autopilot would begin its mission at the first tick that does not ask it to wait.
         request = PAUSE if self._idle else self._request

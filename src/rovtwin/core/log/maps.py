@@ -76,7 +76,7 @@ def export_map(log: Log, path: str | Path, overwrite: bool = False) -> Path:
 
 def tracks_in(log: Log) -> dict[str, str]:
     """Channels of a log that are tracks, with what people call them: x, y, z are a place in n."""
-    return {name: said for name, said in TRACKS.items() if name in log and {*"xyz"} <= {*log.channels[name].fields}}
+    return {name: title for name, title in TRACKS.items() if name in log and {*"xyz"} <= {*log.channels[name].fields}}
 
 
 def places(series: Series) -> np.ndarray:
@@ -96,7 +96,7 @@ def map_of(log: Log) -> Map:
             f"{log.source}: has no datum, so nobody knows where on the map it is; runs of this version have one. "
             "Fly its scenario again, or export to .nc or CSV"
         )
-    found = [_track(said, log[name].t, places(log[name]), datum) for name, said in tracks_in(log).items()]
+    found = [_track(title, log[name].t, places(log[name]), datum) for name, title in tracks_in(log).items()]
     tracks = [track for track in found if len(track.t)]
     waypoints = [_track(label, np.zeros(1), place[None], datum) for label, place in _waypoints(log)]
     if not tracks and not waypoints:

@@ -105,12 +105,12 @@ def read_pictures(
     with open_mcap(path) as stream:
         check_finished(stream, path)
         found = _cameras(stream)
-        wanted = {number for number, name in found.items() if topic in (None, name)}
-        if len({found[number] for number in wanted}) != 1:
-            said = ", ".join(sorted(set(found.values()))) or "none"
-            raise LogError(f"{path}: found topics with pictures: {said}; expected {topic or 'one'}")
+        numbers = {number for number, name in found.items() if topic in (None, name)}
+        if len({found[number] for number in numbers}) != 1:
+            topics = ", ".join(sorted(set(found.values()))) or "none"
+            raise LogError(f"{path}: found topics with pictures: {topics}; expected {topic or 'one'}")
         for data, contents in _blocks(stream, damaged):
-            places = sorted((int(at), n) for n in wanted for at in contents.messages.get(n, ()))
+            places = sorted((int(at), n) for n in numbers for at in contents.messages.get(n, ()))
             for at, _ in places:
                 length = _LENGTH.unpack_from(data, at + 1)[0]
                 try:

@@ -56,9 +56,9 @@ class SharedThrust(eqx.Module):
         """Of each axis, the larger way [N, N m], shape (6,)."""
         return jnp.maximum(self.upper, -self.lower)
 
-    def cut(self, wanted: Array) -> Array:
+    def cut(self, desired: Array) -> Array:
         """The wrench that may be asked for, b at CO, shape (6,): within the limits, and roll and pitch beside heave."""
-        tau = jnp.clip(wanted, self.lower, self.upper)
+        tau = jnp.clip(desired, self.lower, self.upper)
         limit = jnp.where(tau >= 0.0, self.upper, -self.lower)
         share = jnp.abs(tau) / jnp.where(limit > 0.0, limit, 1.0)
         angles = jnp.sum(jnp.where(self.shared, share[3:5], 0.0))

@@ -60,12 +60,12 @@ class ReferenceModel(Block):
     def _limited(self, rate: Array, nu: Array) -> Array:
         limit = self.speed_limit
         if self.obey_speed:
-            wanted = jnp.sum(nu[:3] ** 2)
+            desired = jnp.sum(nu[:3] ** 2)
             level = jnp.sum(rate[:2] ** 2)
-            over = (wanted > 0.0) & (level > wanted)
-            share = jnp.sqrt(jnp.where(over, wanted, 1.0) / jnp.where(over, level, 1.0))
+            over = (desired > 0.0) & (level > desired)
+            share = jnp.sqrt(jnp.where(over, desired, 1.0) / jnp.where(over, level, 1.0))
             rate = rate * jnp.where(_AXIS < 2, share, 1.0)
-            dive = jnp.sqrt(jnp.where(wanted > 0.0, wanted, jnp.inf))
+            dive = jnp.sqrt(jnp.where(desired > 0.0, desired, jnp.inf))
             limit = jnp.where(_AXIS == 2, jnp.minimum(limit, dive), limit)
         return jnp.clip(rate, -limit, limit)
 

@@ -132,12 +132,12 @@ class Tracking(Block):
                 1.6 lengths of the vehicle, for which control asks for about all of its thrust.
         """
         scales = VehicleScales.of(model)
-        wanted = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
-        w = np.maximum(wanted, straight(model))
+        requested = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
+        w = np.maximum(requested, straight(model))
         rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = pushed_axes(model)
         zeta = np.broadcast_to(damping_ratio, 6)
-        tilting = HeaveFeedback.of(model, None if bandwidth is None else float(wanted[HEAVE]), float(zeta[HEAVE]))
+        tilting = HeaveFeedback.of(model, None if bandwidth is None else float(requested[HEAVE]), float(zeta[HEAVE]))
         follows = able & ((np.arange(6) != HEAVE) | (tilting is None))
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
@@ -186,7 +186,7 @@ class Tracking(Block):
         level = self.allowance.step(memory.level, asked, euler, dt)
         nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
-        wanted = (
+        desired = (
             model.mass @ nu_dot
             + self._flow(estimate, nu, nu_ref)
             + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, DOWN)[3:]])
@@ -194,19 +194,21 @@ class Tracking(Block):
             + jnp.concatenate([jnp.zeros(3), memory.moments])
         )
         # What is learned of thrust depends on the answer: one round of putting it in is enough for some per cent.
-        wanted = wanted - learned_wrench(model, self._through_water(estimate, nu, nu_ref), wanted)
+        desired = desired - learned_wrench(model, self._through_water(estimate, nu, nu_ref), desired)
         if self.tilting is not None:
             current = jnp.concatenate([self.sustained.current(estimate), jnp.zeros(1)])
             nu_r = nu.at[:3].add(-R_bn @ current)
             deep = reference.eta[HEAVE] - slow[HEAVE]
-            wanted = wanted.at[HEAVE].add(self._depth_and_tilt(self.tilting, deep, nu_ref[HEAVE], nu_r, euler, wanted))
-        wanted = jnp.where(self.limits.upper > self.limits.lower, input.axes * wanted, 0.0)
-        tau = self.limits.cut(wanted)
+            desired = desired.at[HEAVE].add(
+                self._depth_and_tilt(self.tilting, deep, nu_ref[HEAVE], nu_r, euler, desired)
+            )
+        desired = jnp.where(self.limits.upper > self.limits.lower, input.axes * desired, 0.0)
+        tau = self.limits.cut(desired)
         growth = self.K_i * turned * dt
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
-        winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
+        winding = (growth * (desired - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         moments = jnp.where(winding, memory.moments, memory.moments + growth)
-        cut = jnp.abs(wanted - tau) > ROUNDING * self.limits.largest
+        cut = jnp.abs(desired - tau) > ROUNDING * self.limits.largest
         return TrackingMemory(moments, level), Wrench(tau, cut)
 
     def _depth_and_tilt(

@@ -84,18 +84,18 @@ class Bow(Block):
         known = self.sustained.current(significant(input.estimate))
         known = known * jnp.minimum(1.0, self.strongest / jnp.sqrt(known @ known + 1e-12))
         current = memory.current + jnp.minimum(dt / self.lag, 1.0) * (known - memory.current)
-        wanted = self._wanted(current, memory, input.preferred, input.way, input.estimate)
-        does = jnp.abs(wrap(wanted - input.preferred)) < SAME
+        desired = self._desired(current, memory, input.preferred, input.way, input.estimate)
+        does = jnp.abs(wrap(desired - input.preferred)) < SAME
         eased = jnp.where(does & memory.turned, memory.eased + dt, 0.0)
         turned = ~does | (memory.turned & (eased < self.patience))
-        heading = jnp.where(turned & does, memory.heading, wanted)
+        heading = jnp.where(turned & does, memory.heading, desired)
         return BowMemory(current, heading, turned, eased), heading
 
     def heading(self, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
         """What it would give for another heading and way, if it had to now [rad]; arguments are those of BowInput."""
-        return self._wanted(memory.current, memory, preferred, way, estimate)
+        return self._desired(memory.current, memory, preferred, way, estimate)
 
-    def _wanted(self, current: Array, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
+    def _desired(self, current: Array, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
         """Nearest to a preferred one at which it keeps up a way over ground, and stays where it stops [rad]."""
         current = current / jnp.where(memory.turned, BACK, 1.0)
         looks = jnp.where(memory.turned, memory.heading, estimate.eta[5])

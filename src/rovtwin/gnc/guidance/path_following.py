@@ -236,9 +236,9 @@ class PathGuidance(Block):
         # What can still be braked, the way of lag and onset included: v^2 / 2a + v (lag + onset) = left.
         brake = self.acceleration * (self.lag + self.onset)
         slower = jnp.sqrt(brake**2 + pace.after**2 + 2.0 * self.acceleration * left) - brake
-        wanted = jnp.where(memory.on_arc, pace.after, jnp.minimum(piece.speed, jnp.maximum(slower, pace.after)))
-        wanted = jnp.where(going, jnp.minimum(wanted, pace.here) * pace.waits, 0.0)
-        asked = jnp.clip((wanted - memory.speed) / self.lag, -2.0 * self.acceleration, self.acceleration)
+        desired = jnp.where(memory.on_arc, pace.after, jnp.minimum(piece.speed, jnp.maximum(slower, pace.after)))
+        desired = jnp.where(going, jnp.minimum(desired, pace.here) * pace.waits, 0.0)
+        asked = jnp.clip((desired - memory.speed) / self.lag, -2.0 * self.acceleration, self.acceleration)
         change = 2.0 * self.acceleration / self.onset * dt
         rate = memory.rate + jnp.clip(asked - memory.rate, -change, change)
         speed = jnp.maximum(memory.speed + rate * dt, 0.0)

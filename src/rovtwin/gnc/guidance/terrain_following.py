@@ -38,7 +38,7 @@ class TerrainMemory(eqx.Module):
         floor: Its depth below the vehicle [m].
         rate: Of that [m/s].
         silence: Since the last echo [s].
-        heard: Echoes that agreed so far, up to ENOUGH, int.
+        readings: Echoes that agreed so far, up to ENOUGH, int.
         reading: The last range [m].
         depth: Of the vehicle when the range was first that [m].
     """
@@ -46,7 +46,7 @@ class TerrainMemory(eqx.Module):
     floor: Array
     rate: Array
     silence: Array
-    heard: Array
+    readings: Array
     reading: Array
     depth: Array
 
@@ -81,38 +81,38 @@ class TerrainFollowing(Block):
         return TerrainMemory(zero, zero, zero + NEVER, jnp.zeros((), dtype=int), zero, start.position[2])
 
     def step(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> tuple[TerrainMemory, Mission]:
-        after = self._heard(memory, input, dt)
+        after = self._received(memory, input, dt)
         mission = input.mission
         if mission.altitude is None:
             return after, mission
         own = mission.position[:, 2]
         below = jnp.clip(after.floor + self.lead * after.rate - mission.altitude, self.shallowest, own + self.band)
         stuck = jnp.abs(input.estimate.eta[2] - after.depth) > STUCK
-        known = (after.heard >= ENOUGH) & (after.silence < self.patience) & ~stuck
+        known = (after.readings >= ENOUGH) & (after.silence < self.patience) & ~stuck
         depth = jnp.where((mission.altitude > 0.0) & known, below, own)
         position = jnp.concatenate([mission.position[:, :2], depth[:, None]], axis=1)
         return after, eqx.tree_at(lambda m: m.position, mission, position)
 
-    def _heard(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> TerrainMemory:
+    def _received(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> TerrainMemory:
         """A tick later, with the echoes that came."""
         eta, slot = input.estimate.eta, input.measurements[self.name]
         R_nb = rotation_from_euler(eta[3:])
         silence = memory.silence + dt
         # A rate that nobody confirms any more fades.
         rate = jnp.where(silence > 1.0, 0.0, memory.rate)
-        now = TerrainMemory(memory.floor + dt * rate, rate, silence, memory.heard, memory.reading, memory.depth)
+        now = TerrainMemory(memory.floor + dt * rate, rate, silence, memory.readings, memory.reading, memory.depth)
         for row in range(slot.valid.shape[0]):
             length = slot.value[row, 0]
             seen = eta[2] + (R_nb @ (self.lever + length * self.beam))[2]
             there = slot.valid[row] & jnp.isfinite(seen)
-            heard = self._with(now, jnp.where(there, seen, 0.0), length, eta[2], dt)
-            now = jax.tree.map(lambda new, old, there=there: jnp.where(there, new, old), heard, now)
+            updated = self._with(now, jnp.where(there, seen, 0.0), length, eta[2], dt)
+            now = jax.tree.map(lambda new, old, there=there: jnp.where(there, new, old), updated, now)
         return now
 
     def _with(self, now: TerrainMemory, seen: Array, length: Array, depth: Array, dt: float) -> TerrainMemory:
         """With one more echo, which sees the floor at a depth [m]."""
         away = seen - now.floor
-        anew = (now.silence > self.patience) | ((now.heard < ENOUGH) & (jnp.abs(away) > AGREE))
+        anew = (now.silence > self.patience) | ((now.readings < ENOUGH) & (jnp.abs(away) > AGREE))
         since = jnp.minimum(now.silence, self.time_constant)
         theta = jnp.exp(-since / self.time_constant)
         step = jnp.clip(away, -self.jump, self.jump)
@@ -121,7 +121,7 @@ class TerrainFollowing(Block):
             floor=jnp.where(anew, seen, now.floor + (1.0 - theta**2) * step),
             rate=jnp.where(anew, 0.0, rate),
             silence=jnp.zeros(()),
-            heard=jnp.where(anew, 1, jnp.minimum(now.heard + 1, ENOUGH)),
+            readings=jnp.where(anew, 1, jnp.minimum(now.readings + 1, ENOUGH)),
             reading=length,
             depth=jnp.where(length == now.reading, now.depth, depth),
         )

@@ -27,7 +27,7 @@ def estimate_of(
     x: NavigationState,
     P: Array,
     omega: Array,
-    heard: dict[str, tuple[Array, Array]],
+    received: dict[str, tuple[Array, Array]],
     names: list[str],
 ) -> Estimate:
     """What an observer gives.
@@ -38,20 +38,20 @@ def estimate_of(
         x: Nominal state.
         P: Covariance of its error, shape (31, 31).
         omega: Angular velocity, b [rad/s], shape (3,).
-        heard: Squared normalised innovations and their number, by sensor.
+        received: Squared normalised innovations and their number, by sensor.
         names: Of all sensors, sorted.
     """
     euler, R_nb = euler_from_quaternion(x.attitude), rotation_from_quaternion(x.attitude)
     nothing = (jnp.zeros(()), jnp.zeros(()))
-    told = [heard.get(name, nothing) for name in names]
+    tests = [received.get(name, nothing) for name in names]
     force = disturbance(model, x, omega)
     return Estimate(
         eta=jnp.concatenate([x.position + x.wave_place, euler]),
         nu=jnp.concatenate([x.velocity + R_nb.T @ x.wave_velocity, omega]),
         bias=jnp.concatenate([R_nb @ force, jnp.zeros(3)]),
         covariance=_covariance(P, R_nb, euler, tuning.rate_variance),
-        nis=jnp.stack([squares for squares, _ in told]),
-        nis_dof=jnp.stack([number for _, number in told]),
+        nis=jnp.stack([squares for squares, _ in tests]),
+        nis_dof=jnp.stack([number for _, number in tests]),
         wave=jnp.concatenate([x.wave_place, x.wave_velocity]),
         bias_std=_disturbance_std(model, x, P, omega),
     )

@@ -132,10 +132,10 @@ class NavigationFilter(Block):
         slots, now = finite(input.measurements), memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
         turning, omega, turn_variance = self._turning(memory, slots, dt)
-        heard: dict[str, tuple[Array, Array]] = {}
+        received: dict[str, tuple[Array, Array]] = {}
 
         doubted, rejected, depth_bias = dict(memory.doubted), dict(memory.rejected), dict(memory.depth_bias)
-        x, P, forecast, sea, heard["accelerometer"], doubted["accelerometer"] = self._accelerate(
+        x, P, forecast, sea, received["accelerometer"], doubted["accelerometer"] = self._accelerate(
             memory, slots, tau, turning, dt
         )
         noise = self._noise(x, forecast, turn_variance)
@@ -153,17 +153,17 @@ class NavigationFilter(Block):
             )
         transition = Transition(*before, moved, P, B)
         for name, found in places.items():
-            x, P, heard[name] = corrected(x, P, found)
+            x, P, received[name] = corrected(x, P, found)
         for name in filter(slots.__contains__, self._correcting):
             found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
             if name in depth_bias:
                 P, depth_bias[name] = opened_for_waves(
                     found, P, depth_bias[name], x, sea, self.model, self.tuning.gate["pressure"]
                 )
-            found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
-            x, P, heard[name] = corrected(x, P, found)
+            found, P, doubted[name] = self._accepted(name, found, P, doubted[name], x)
+            x, P, received[name] = corrected(x, P, found)
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, depth_bias)
-        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), transition
+        return after, estimate_of(self.model, self.tuning, x, P, omega, received, sorted(slots)), transition
 
     def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:
         """Wrench of the thrusters in the middle of the tick, shape (6,), and their forces at its end, shape (n,)."""
@@ -188,8 +188,8 @@ class NavigationFilter(Block):
         n = jnp.maximum(jnp.max(jnp.stack(counts)), 1)
         end = last.value - memory.x.gyro_bias
         middle = together.value - memory.x.gyro_bias + (memory.omega - end) / (2.0 * n)
-        told = Turning(middle, (end - memory.omega) / dt), end, together.variance * dt
-        return jax.tree.map(lambda a, b: jnp.where(together.heard, a, b), told, silent)
+        measured = Turning(middle, (end - memory.omega) / dt), end, together.variance * dt
+        return jax.tree.map(lambda a, b: jnp.where(together.received, a, b), measured, silent)
 
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
@@ -211,7 +211,7 @@ class NavigationFilter(Block):
         means = [readings.averaged(slots[name], jnp.zeros(()), 0.0) for name in names]
         mounts = [tuning.mounts[name] for name in names]
         read = readings.joined([mean.value for mean in means], [mean.count for mean in means], mounts)
-        heard = read.heard
+        received = read.received
         # n readings that end with the tick are, on average, so long after its start.
         n = jnp.maximum(jnp.max(jnp.stack([mean.count for mean in means])), 1)
         later = 0.5 * dt * (n + 1.0) / n
@@ -225,25 +225,25 @@ class NavigationFilter(Block):
             sensed = motion.by_accelerometer(x, read.value, read.lever, turning, later)
             return model, wave, motion.less(sensed, motion.sum_of(model, wave, R_nb))
 
-        found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
+        found = readings.disagreement(difference(x)[2], slow + quick, variance, received, dt)
         unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
-        found, P, doubts = self._believed("accelerometer", found, P, memory.doubted["accelerometer"], x)
+        found, P, doubts = self._accepted("accelerometer", found, P, memory.doubted["accelerometer"], x)
         # What is rejected neither moves the vehicle nor makes waves.
-        heard = jnp.any(found.used)
-        sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
-        x, P, told = corrected(x, P, found)
+        received = jnp.any(found.used)
+        sea = memory.sea.after(unexplained, slow / dt + variance, received, dt)
+        x, P, test = corrected(x, P, found)
         model, wave, rest = difference(x)
-        total = jnp.where(heard, 1.0 / (slow + quick + variance * dt), 0.0)
+        total = jnp.where(received, 1.0 / (slow + quick + variance * dt), 0.0)
         R_nb = rotation_from_quaternion(x.attitude)
         v_dot = motion.mixed(model, rest, jnp.diag(slow * total))
         wave_dot = motion.mixed(wave, rest, R_nb * (quick * total))
-        return x, P, Forecast(v_dot, wave_dot, slow, quick, total), sea, told, doubts
+        return x, P, Forecast(v_dot, wave_dot, slow, quick, total), sea, test, doubts
 
     def _waves(self, sea: SeaState, x: NavigationState) -> Waves:
         damping = self.tuning.wave_damping
         return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
 
-    def _believed(
+    def _accepted(
         self, name: str, found: Innovation, P: Array, doubts: Array, x: NavigationState
     ) -> tuple[Innovation, Array, Array]:
         """What is used of an innovation: nothing beyond the gate, unless so many ticks in a row that P is opened."""

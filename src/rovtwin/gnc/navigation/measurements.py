@@ -61,13 +61,13 @@ class Joined(eqx.Module):
         value: Weighted mean of their readings, shape (3,). That of specific forces is the one at the mean place.
         lever: That place, seen from CO, b [m], shape (3,).
         variance: Of the noise, shape (3,).
-        heard: Whether there was a reading, bool.
+        received: Whether there was a reading, bool.
     """
 
     value: Array
     lever: Array
     variance: Array
-    heard: Array
+    received: Array
 
 
 def joined(values: list[Array], counts: list[Array], mounts: list[Mount]) -> Joined:
@@ -85,10 +85,10 @@ def joined(values: list[Array], counts: list[Array], mounts: list[Mount]) -> Joi
         return Joined(turned[0], mounts[0].lever, variances[0], counts[0] > 0)
     weights = [count / jnp.mean(mount.variance) for count, mount in zip(counts, mounts, strict=True)]
     weight = jnp.stack(weights)
-    heard = jnp.any(weight > 0.0)
-    share = weight / jnp.where(heard, jnp.sum(weight), 1.0)
+    received = jnp.any(weight > 0.0)
+    share = weight / jnp.where(received, jnp.sum(weight), 1.0)
     levers = jnp.stack([mount.lever for mount in mounts])
-    return Joined(share @ jnp.stack(turned), share @ levers, share**2 @ jnp.stack(variances), heard)
+    return Joined(share @ jnp.stack(turned), share @ levers, share**2 @ jnp.stack(variances), received)
 
 
 def age_of(t_valid: Array, now: Array, max_age: Array | float) -> Array:

@@ -42,13 +42,13 @@ class SeaState(eqx.Module):
         zero, one = jnp.zeros(3), jnp.ones(3)
         return cls(zero, zero, zero, ROUGH[0] ** 2 * one, ROUGH[1] ** 2 * one, jnp.asarray(FIRST))
 
-    def after(self, unexplained: Array, noise: Array, heard: Array, dt: float) -> "SeaState":
+    def after(self, unexplained: Array, noise: Array, received: Array, dt: float) -> "SeaState":
         """A tick later.
 
         Args:
             unexplained: Accelerometer's less model's acceleration [m/s2], shape (3,).
             noise: Its variance where there are no waves, shape (3,).
-            heard: Whether there was a reading, bool.
+            received: Whether there was a reading, bool.
             dt: Tick [s].
         """
         smooth = self.smooth + dt / SMOOTH * (unexplained - self.smooth)
@@ -67,7 +67,7 @@ class SeaState(eqx.Module):
             self.velocity_variance + keep * (v - self.velocity_variance),
             jnp.minimum(self.memory + GROWTH * dt, REMEMBER),
         )
-        return jax.tree.map(lambda a, b: jnp.where(heard, a, b), new, self)
+        return jax.tree.map(lambda a, b: jnp.where(received, a, b), new, self)
 
     @property
     def frequency(self) -> Array:

@@ -7,7 +7,7 @@ A point moves from where the vehicle is, with bounded speed and acceleration, as
     surfacing  up, at the place where it was           surfaced, once the vehicle is there
     piloted    with the velocity that the pilot wants  along an axis of which he wants none it stays
 
-After that, and until the mission goes on, it stays there. A pilot with no wish at all thus keeps the station, one who
+After that, and until the mission goes on, it stays there. A pilot who commands nothing thus keeps the station, one who
 wants surge keeps depth and heading. The point never leaves a vehicle behind that cannot follow. A heading is kept as
 far as the current lets the vehicle stay with it (`guidance.crab_heading`); one that the pilot is turning goes where he
 turns it.
@@ -35,7 +35,7 @@ from rovtwin.vehicle.physics.model import Model
 
 
 class ContingencyInput(eqx.Module):
-    """What guidance asks for, what the observer believes, what the supervisor decided, and the pilot's wish, (4,)."""
+    """What guidance asks for, the estimate, what the supervisor decided, and the pilot's command, (4,)."""
 
     setpoint: Setpoint
     estimate: Estimate
@@ -145,17 +145,17 @@ class Contingency(Block):
 
         began = self._beside(memory, input.estimate)
         base = jax.tree.map(lambda old, new: jnp.where(memory.follows, old, new), memory, began)
-        wish = jnp.where(piloted & jnp.isfinite(input.pilot), input.pilot, 0.0)
-        wish = jnp.clip(wish, -self.fastest, self.fastest)
-        wanted = _turned(input.estimate.eta[5]) @ wish[:3]  # along the heading that the vehicle has, not is to have
-        velocity = self._velocity(base, returning, surfacing, wanted, dt)
+        command = jnp.where(piloted & jnp.isfinite(input.pilot), input.pilot, 0.0)
+        command = jnp.clip(command, -self.fastest, self.fastest)
+        desired = _turned(input.estimate.eta[5]) @ command[:3]  # along the heading that the vehicle has, not is to have
+        velocity = self._velocity(base, returning, surfacing, desired, dt)
         # What he turns goes on from where it looks, not from what a current had turned it away from.
-        kept = jnp.where(wish[3] != 0.0, wrap(base.eta[5] + dt * wish[3]), base.heading)
+        kept = jnp.where(command[3] != 0.0, wrap(base.eta[5] + dt * command[3]), base.heading)
         kept = jnp.where(returning, self._homeward(base, input.estimate), kept)
         bow, heading = self._bow(memory.bow, kept, jnp.where(returning, velocity[:2], 0.0), input.estimate, dt)
-        eta = base.eta.at[:3].add(dt * velocity).at[5].set(jnp.where(wish[3] != 0.0, kept, heading))
+        eta = base.eta.at[:3].add(dt * velocity).at[5].set(jnp.where(command[3] != 0.0, kept, heading))
         eta = jnp.where(piloted, self._leashed(eta, input.estimate), eta)
-        kept = jnp.where(wish[3] != 0.0, eta[5], kept)
+        kept = jnp.where(command[3] != 0.0, eta[5], kept)
         there = self._there(base, input.estimate, returning, surfacing)
         after = ContingencyMemory(memory.home, eta, kept, bow, velocity, away, follows, there & takes)
 
@@ -164,7 +164,7 @@ class Contingency(Block):
         phase = jnp.where(piloted, PILOTED, phase)
         own = Setpoint(
             eta=eta,
-            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(2), wish[3:]]),
+            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(2), command[3:]]),
             leg_start=asked.leg_start,
             leg_end=asked.leg_end,
             on_leg=jnp.asarray(False),
@@ -196,9 +196,9 @@ class Contingency(Block):
         return ContingencyMemory(memory.home, eta, eta[5], memory.bow, velocity, no, no, no)
 
     def _velocity(
-        self, memory: ContingencyMemory, returning: Array, surfacing: Array, wanted: Array, dt: float
+        self, memory: ContingencyMemory, returning: Array, surfacing: Array, desired: Array, dt: float
     ) -> Array:
-        """Of the point, n [m/s], shape (3,): as the pilot wishes, or to the goal, so that it can be stopped there."""
+        """Of the point, n [m/s], shape (3,): as the pilot commands, or to the goal, so that it can be stopped there."""
         level = jnp.where(returning, memory.home[:2] - memory.eta[:2], 0.0)
         up = jnp.where(surfacing, jnp.minimum(self.surface - memory.eta[2], 0.0), 0.0)
         goal = jnp.append(level, up)
@@ -206,7 +206,7 @@ class Contingency(Block):
         # The square root alone would ask for a jerk at the end.
         slow = jnp.minimum(jnp.sqrt(self.acceleration * distance), distance / self.settling)
         speed = jnp.minimum(self.speed, slow)
-        change = goal / distance * speed + wanted - memory.velocity
+        change = goal / distance * speed + desired - memory.velocity
         size = jnp.sqrt(change @ change + 1e-12)
         return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)
 

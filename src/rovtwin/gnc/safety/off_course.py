@@ -1,6 +1,6 @@
-"""Off course: how far a vehicle is from where it is wanted, and whether it still comes nearer.
+"""Off course: how far a vehicle is from its set-point, and whether it still comes nearer.
 
-The place wanted is the set-point's: a point on the path that waits for the vehicle, or the place that is held. Level
+The desired place is the set-point's: a point on the path that waits for the vehicle, or the place that is held. Level
 and in depth the distance is watched apart. Beyond its limit it has to reach new lows. What the set-point's own motion
 adds to a distance is no fault of the vehicle's and is added to the low, so that a dive, a way-point far off and a point
 that goes ahead of a slow vehicle are judged by the way that the vehicle makes towards them.
@@ -35,24 +35,24 @@ class OffCourse(eqx.Module):
     """What is remembered.
 
     Attributes:
-        told: Whether a place was wanted in the last tick, bool.
-        wanted: It, n [m], shape (3,).
+        valid: Whether the last tick had a set-point, bool.
+        desired: Its place, n [m], shape (3,).
         nearest: Least distances, level and in depth [m], shape (2,).
     """
 
-    told: Array
-    wanted: Array
+    valid: Array
+    desired: Array
     nearest: Array
 
     @classmethod
     def none(cls) -> "OffCourse":
         return cls(jnp.asarray(False), jnp.zeros(3), jnp.zeros(2))
 
-    def step(self, wanted: Array, estimate: Estimate, limit: Array, step: Array) -> tuple["OffCourse", Array]:
+    def step(self, desired: Array, estimate: Estimate, limit: Array, step: Array) -> tuple["OffCourse", Array]:
         """A tick later, and where the vehicle is too far off and no nearer than it was, shape (2,), bool.
 
         Args:
-            wanted: Place of the set-point that the vehicle had in the last tick, n [m], shape (3,); NaN for none.
+            desired: Place of the set-point that the vehicle had in the last tick, n [m], shape (3,); NaN for none.
             estimate: The observer's; waves do not count.
             limit: Level and in depth, to which the estimate's uncertainty is added [m], shape (2,).
             step: That counts as nearer [m].
@@ -60,19 +60,19 @@ class OffCourse(eqx.Module):
         place = estimate.eta[:3] - estimate.wave[:3]
         variance = jnp.diagonal(estimate.covariance)[:3]
         std = jnp.sqrt(jnp.maximum(jnp.stack([jnp.max(variance[:2]), variance[2]]), 0.0))
-        off, before = _apart(place, wanted), _apart(place, self.wanted)
+        off, before = _apart(place, desired), _apart(place, self.desired)
         known = jnp.all(jnp.isfinite(off))
         far = off > limit + CERTAIN * std
-        nearest = jnp.where(self.told, self.nearest + off - before, off)
+        nearest = jnp.where(self.valid, self.nearest + off - before, off)
         nearer = off < nearest - step
         kept = jnp.where(far & ~nearer, nearest, off)
         kept = jnp.where(known, kept, 0.0)
-        return OffCourse(known, jnp.where(known, wanted, 0.0), kept), far & ~nearer
+        return OffCourse(known, jnp.where(known, desired, 0.0), kept), far & ~nearer
 
 
-def _apart(place: Array, wanted: Array) -> Array:
+def _apart(place: Array, desired: Array) -> Array:
     """Distance, level and in depth [m], shape (2,)."""
-    level, depth = place[:2] - wanted[:2], place[2] - wanted[2]
+    level, depth = place[:2] - desired[:2], place[2] - desired[2]
     return jnp.stack([jnp.sqrt(level @ level + 1e-12), jnp.abs(depth)])
 
 

@@ -124,7 +124,7 @@ class SupervisorInput(eqx.Module):
         shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
         ability: FINE, UNABLE or HEAVE_LOST, see `control_authority`, int.
         saturated: Axes on which a limit cut what the controller wanted, shape (6,), bool.
-        wanted: Place of the last tick's set-point, n [m], shape (3,); NaN where none is told.
+        desired_position: Place of the last tick's set-point, n [m], shape (3,); NaN where there is none.
     """
 
     estimate: Estimate
@@ -134,7 +134,7 @@ class SupervisorInput(eqx.Module):
     shortfall: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
     ability: Array = eqx.field(default_factory=lambda: jnp.asarray(FINE))
     saturated: Array = eqx.field(default_factory=lambda: jnp.zeros(6, dtype=bool))
-    wanted: Array = eqx.field(default_factory=lambda: jnp.full(3, jnp.nan))
+    desired_position: Array = eqx.field(default_factory=lambda: jnp.full(3, jnp.nan))
 
 
 class Watch(eqx.Module):
@@ -176,26 +176,26 @@ class Watch(eqx.Module):
         zero, quiet = jnp.zeros(()), jnp.zeros(len(VITAL))
         leaks, batteries, altimeters = (len(rules.names_of(kind)) for kind in REMEMBERED)
         no, full, high = jnp.zeros(leaks, dtype=bool), jnp.ones(batteries), jnp.full(altimeters, FAR)
-        told = no, full, high, zero, zero + FAR, zero, quiet, zero, zero
-        return cls(jnp.zeros(len(REASONS)), home, zero, *told, OffCourse.none())
+        initial = no, full, high, zero, zero + FAR, zero, quiet, zero, zero
+        return cls(jnp.zeros(len(REASONS)), home, zero, *initial, OffCourse.none())
 
     def step(self, rules: Rules, input: SupervisorInput, begun: Array, returning: Array, dt: float) -> "Watch":
         """A tick later; whether the mission has begun, and whether the vehicle is on its way home, bool."""
         measurements, estimate = input.measurements, input.estimate
-        heard, squares = jnp.zeros(()), jnp.zeros(())
+        received, squares = jnp.zeros(()), jnp.zeros(())
         names = sorted(measurements)
         positions = _of_kind(names, "position")
         for name in positions:
             k = names.index(name)
-            heard, squares = heard + estimate.nis_dof[k], squares + estimate.nis[k]
+            received, squares = received + estimate.nis_dof[k], squares + estimate.nis[k]
         leaks, batteries, altimeters = (rules.names_of(kind) for kind in REMEMBERED)
-        fade = jnp.exp(-heard / NIS_WINDOW)  # by number, not by time: rare positions tell, too
+        fade = jnp.exp(-received / NIS_WINDOW)  # by number, not by time: rare positions tell, too
         waited = jnp.where(begun, dt, 0.0) if positions else 0.0
         off = estimate.eta[:2] - self.home
         off = jnp.sqrt(off @ off)
         nearer = off < self.nearest - rules.nearer
         limits = rules.limit[flow.OFF_COURSE : flow.OFF_DEPTH + 1]
-        course, astray = self.course.step(input.wanted, estimate, limits, rules.step)
+        course, astray = self.course.step(input.desired_position, estimate, limits, rules.step)
         seen = Watch(
             lasting=self.lasting,
             home=self.home,
@@ -204,12 +204,12 @@ class Watch(eqx.Module):
             leak=_last(measurements, leaks, self.leak.astype(self.charge.dtype)) > 0.5,
             charge=_last(measurements, batteries, self.charge),
             altitude=_last(measurements, altimeters, self.altitude),
-            silence=jnp.where(heard > 0.0, 0.0, self.silence + waited),
+            silence=jnp.where(received > 0.0, 0.0, self.silence + waited),
             nearest=jnp.where(returning, jnp.where(nearer, off, self.nearest), FAR),
             stalled=jnp.where(returning & ~nearer & (off > rules.nearer), self.stalled + dt, 0.0),
             quiet=jnp.where(_spoke(measurements), 0.0, self.quiet + jnp.where(begun, dt, 0.0)),
             nis=fade * self.nis + squares,
-            dof=fade * self.dof + heard,
+            dof=fade * self.dof + received,
             course=course,
         )
         lasting = jnp.where(seen._conditions(rules, input, astray), self.lasting + dt, 0.0)
@@ -276,12 +276,12 @@ def is_finite(estimate: Estimate) -> Array:
 
 def _spoke(measurements: Measurements) -> Array:
     """Whether one of each of VITAL gave numbers in this tick, shape (2,), bool; what is not on board is not missed."""
-    told = []
+    reported = []
     for kind in VITAL:
         slots = [measurements[name] for name in _of_kind(measurements, kind)]
         numbers = [jnp.any(slot.valid & jnp.all(jnp.isfinite(slot.value), axis=1)) for slot in slots]
-        told.append(jnp.any(jnp.stack(numbers)) if numbers else jnp.asarray(True))
-    return jnp.stack(told)
+        reported.append(jnp.any(jnp.stack(numbers)) if numbers else jnp.asarray(True))
+    return jnp.stack(reported)
 
 
 def _of_kind(names: Iterable[str], kind: str) -> list[str]:

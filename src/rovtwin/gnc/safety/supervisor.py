@@ -69,19 +69,19 @@ class Supervisor(Block):
         gravest = jnp.argmax(actions)  # the first of equals, which REASONS has in order
         action = actions[gravest]
 
-        wanted = before.mode
-        wanted = jnp.where((before.mode == MODE_IDLE) & (request == ARM), MODE_PAUSED, wanted)
-        wanted = jnp.where((wanted == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, wanted)
-        flies = (wanted >= MODE_RUNNING) & (wanted <= MODE_PAUSED) & (before.mode != MODE_IDLE)
+        desired = before.mode
+        desired = jnp.where((before.mode == MODE_IDLE) & (request == ARM), MODE_PAUSED, desired)
+        desired = jnp.where((desired == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, desired)
+        flies = (desired >= MODE_RUNNING) & (desired <= MODE_PAUSED) & (before.mode != MODE_IDLE)
         flies = flies | ((before.mode == MODE_IDLE) & (request == PILOT))
         for asked, mode in ((PAUSE, MODE_PAUSED), (RESUME, MODE_RUNNING), (PILOT, MODE_PILOTED)):
-            wanted = jnp.where(flies & (request == asked), mode, wanted)
-        wanted = jnp.where(rearmed, MODE_PAUSED, wanted)
+            desired = jnp.where(flies & (request == asked), mode, desired)
+        desired = jnp.where(rearmed, MODE_PAUSED, desired)
         reason = jnp.where(rearmed, NO_REASON, before.reason)
 
-        takes_over = (action > IGNORE) & (MODE_PAUSED + action > wanted)
+        takes_over = (action > IGNORE) & (MODE_PAUSED + action > desired)
         mode = Mode(
-            jnp.where(takes_over, MODE_PAUSED + action, wanted), jnp.where(takes_over, gravest, reason).astype(int)
+            jnp.where(takes_over, MODE_PAUSED + action, desired), jnp.where(takes_over, gravest, reason).astype(int)
         )
         # What takes over wants the vehicle elsewhere: how long it has been off course begins anew.
         lasting = watch.lasting.at[OFF_COURSE : OFF_DEPTH + 1].mul(jnp.where(takes_over, 0.0, 1.0))

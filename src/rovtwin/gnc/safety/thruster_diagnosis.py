@@ -92,7 +92,7 @@ class ThrusterHealth(Block):
         sustained: Tells the current.
         lost: Thrusters that each hypothesis takes for lost, shape (h, n).
         signed: Columns of T with a moment of their own, shape (6, n); the others zero.
-        told: Whether a hypothesis has such a thruster, shape (h,), bool.
+        distinguishable: Whether a hypothesis has such a thruster, shape (h,), bool.
         weight: One over the squared noise of each axis on which a hypothesis's thrusters push, shape (h, 6); zero on
             the others, where there is only what disturbs.
         force_std: Of the force from which the current is read, along the bow and across it [N], shape (2,).
@@ -109,7 +109,7 @@ class ThrusterHealth(Block):
     sustained: AchievableSpeed
     lost: Array
     signed: Array
-    told: Array
+    distinguishable: Array
     weight: Array
     force_std: Array
     bandwidth: Array = eqx.field(converter=as_array)
@@ -134,7 +134,7 @@ class ThrusterHealth(Block):
         T = np.asarray(model.thrusters.configuration)
         reach = np.max(np.abs(T[3:]), axis=0, initial=0.0)
         signed = np.where(reach > OWN_MOMENT * reach.max(initial=0.0), T, 0.0)
-        told = np.any(lost[:, None, :] * signed != 0.0, axis=(1, 2))
+        distinguishable = np.any(lost[:, None, :] * signed != 0.0, axis=(1, 2))
         pushes = np.any(np.abs(lost[:, None, :] * signed) > 1e-6, axis=2)
         noise = np.repeat([FORCE_NOISE, MOMENT_NOISE], 3) * np.maximum(-lower, upper)
         weight = np.where(pushes, np.where(noise > 0.0, noise, np.inf) ** -2.0, 0.0)
@@ -148,7 +148,7 @@ class ThrusterHealth(Block):
             patience=2.5 / w,
             lost=as_array(lost),
             signed=as_array(signed),
-            told=as_array(told, bool),
+            distinguishable=as_array(distinguishable, bool),
             weight=as_array(weight),
             force_std=READ_NOISE * as_array(np.maximum(-lower, upper)[:2]),
         )
@@ -243,6 +243,6 @@ class ThrusterHealth(Block):
         loss, explained = match / safe, match**2 / (safe * jnp.maximum(total, 1e-12))
         # A unit explains more than one of its thrusters by having more to explain with; the first of equals counts.
         several = jnp.sum(self.lost, axis=1) > 1.0
-        best = jnp.argmax(jnp.where(self.told & (energy > self.least), explained - MORE * several, -1.0))
-        fits = self.told & (energy > self.least) & (loss > self.share) & (explained > self.certainty)
+        best = jnp.argmax(jnp.where(self.distinguishable & (energy > self.least), explained - MORE * several, -1.0))
+        fits = self.distinguishable & (energy > self.least) & (loss > self.share) & (explained > self.certainty)
         return fits & (jnp.arange(energy.shape[0]) == best)

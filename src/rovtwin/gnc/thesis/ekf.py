@@ -151,16 +151,16 @@ class _Prior(eqx.Module):
         z, variance = self._now(name, slot, here)
         used = slot.valid
         if kind in self.tuning.gate:
-            believed = []
+            accepted = []
             for row in range(rows):
                 S = self.P[here, here] + jnp.diag(variance[row])
                 innovation = z[row] - self.x[here]
                 if kind == "attitude":
                     innovation = wrap(innovation)
                 outlier = squared_norm(innovation, S) > self.tuning.gate[kind]
-                believed.append(used[row] & ~(outlier & (rejected < self.tuning.patience)))
+                accepted.append(used[row] & ~(outlier & (rejected < self.tuning.patience)))
                 rejected = jnp.where(used[row], jnp.where(outlier, rejected + 1, 0), rejected)
-            used = jnp.stack(believed)
+            used = jnp.stack(accepted)
         i = jnp.tile(jnp.array(states), rows)
         return _Scalars(i, z.reshape(-1), variance.reshape(-1), jnp.repeat(used, len(states))), rejected
 

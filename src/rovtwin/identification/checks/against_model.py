@@ -27,7 +27,7 @@ class Suspect:
 
     what: str
     where: str
-    said: str
+    text: str
     fix: str
     rows: np.ndarray
 
@@ -73,16 +73,16 @@ def _pushed(answer: Response) -> np.ndarray:
 def _late(model: Model, motion: Motion, regression: Regression) -> tuple[float, list[Finding]]:
     """The lag of the commands at which forces explain most, whatever their signs and order, if it is large."""
     table = np.array([regression.against(thruster_forces(model, motion, lag)).explainable for lag in LAGS])
-    told = table.max(axis=0) > JUDGED
-    if not told.any():
+    explained = table.max(axis=0) > JUDGED
+    if not explained.any():
         return 0.0, []
-    score = table[:, told].mean(axis=1)
+    score = table[:, explained].mean(axis=1)
     best, now = int(np.argmax(score)), int(np.argmin(np.abs(LAGS)))
     lag = float(LAGS[best])
     # A clock moves all axes alike: what only the motion of one explains, or what has no end within the search, is none.
     own = LAGS[table.argmax(axis=0)]
-    alike = told & (np.abs(own - lag) <= AGREED) & (np.abs(own) < LAGS[-1])
-    if 2 * alike.sum() <= told.sum():
+    alike = explained & (np.abs(own - lag) <= AGREED) & (np.abs(own) < LAGS[-1])
+    if 2 * alike.sum() <= explained.sum():
         return 0.0, []
     score = table[:, alike].mean(axis=1)
     # Without an attitude the restoring moments are not known, and look like thrust that is late.
@@ -92,7 +92,7 @@ def _late(model: Model, motion: Motion, regression: Regression) -> tuple[float, 
     if abs(lag) < (BLIND_LATE if blind else LATE) or score[best] < max(score[now] + 0.15, least):
         return 0.0, []
     shares = float(score[best]), float(score[now])
-    rows = slipped_rows(model, motion, regression, told, float(table[best, told].mean()))
+    rows = slipped_rows(model, motion, regression, explained, float(table[best, explained].mean()))
     return lag, [all_behind(motion.record, lag, shares, rows)]
 
 
@@ -115,10 +115,10 @@ def _mistaken(answer: Response, judged: np.ndarray, thrusters: int) -> list[Find
     if best is None:
         return []
     # Two equal thrusters, one on either side: motion shows only that the vehicle turns the other way.
-    alike = [s.said for s, share in tried if s is not best and s.where.startswith("thrusters") and share > most - ALIKE]
-    said = ", or ".join([best.said, *alike])
-    said += f" (that explains {most:.0%} of what thrusters do to the motion, as written {max(now, 0):.0%})."
-    return [Finding("error", best.what, best.where, said, best.fix)]
+    alike = [s.text for s, share in tried if s is not best and s.where.startswith("thrusters") and share > most - ALIKE]
+    text = ", or ".join([best.text, *alike])
+    text += f" (that explains {most:.0%} of what thrusters do to the motion, as written {max(now, 0):.0%})."
+    return [Finding("error", best.what, best.where, text, best.fix)]
 
 
 def _suspects(answer: Response, judged: np.ndarray, thrusters: int) -> Iterator[Suspect]:
@@ -127,31 +127,31 @@ def _suspects(answer: Response, judged: np.ndarray, thrusters: int) -> Iterator[
         yield Suspect("sign", "commands", "all commands have the wrong sign", "Turn their sign.", -rows)
     turned = np.array([-1.0 if axis in "vwqr" else 1.0 for axis in axes])[:, None]
     if (turned[judged] < 0).sum() > 1:
-        said = "the motion is that of a body with z up and y to port instead of z down"
+        text = "the motion is that of a body with z up and y to port instead of z down"
         fix = "Write frame: flu for body vectors, nwu or enu for the attitude."
-        yield Suspect("z_up", "signals", said, fix, turned * rows)
+        yield Suspect("z_up", "signals", text, fix, turned * rows)
     for i, axis in enumerate(axes):
         flip = np.ones((len(axes), 1))
         flip[i] = -1.0
-        said = f"{NAMES[axis]} answers with the wrong sign"
+        text = f"{NAMES[axis]} answers with the wrong sign"
         yield Suspect(
-            "sign", NAMES[axis], said, f"Check the sign of {axis}, or of the commands that drive it.", flip * rows
+            "sign", NAMES[axis], text, f"Check the sign of {axis}, or of the commands that drive it.", flip * rows
         )
     for i in range(thrusters):
         flip = np.ones(thrusters)
         flip[i] = -1.0
-        said = f"thruster {i + 1} pushes the other way"
-        yield Suspect("sign", f"thruster {i + 1}", said, "Turn the sign of its command or its direction.", rows * flip)
+        text = f"thruster {i + 1} pushes the other way"
+        yield Suspect("sign", f"thruster {i + 1}", text, "Turn the sign of its command or its direction.", rows * flip)
     for i, k in ((a, b) for a in range(len(axes)) for b in range(a) if answer.axes[a] // 3 == answer.axes[b] // 3):
         order = np.arange(len(axes))
         order[[i, k]] = k, i
-        said = f"{axes[k]} and {axes[i]} are swapped"
-        yield Suspect("swapped", f"{axes[k]}, {axes[i]}", said, "Put the columns in order.", rows[order])
+        text = f"{axes[k]} and {axes[i]} are swapped"
+        yield Suspect("swapped", f"{axes[k]}, {axes[i]}", text, "Put the columns in order.", rows[order])
     for i, k in ((a, b) for a in range(thrusters) for b in range(a)):
         order = np.arange(thrusters)
         order[[i, k]] = k, i
-        said = f"commands of thrusters {k + 1} and {i + 1} are swapped"
-        yield Suspect("swapped", f"thrusters {k + 1}, {i + 1}", said, "Put the columns in order.", rows[:, order])
+        text = f"commands of thrusters {k + 1} and {i + 1} are swapped"
+        yield Suspect("swapped", f"thrusters {k + 1}, {i + 1}", text, "Put the columns in order.", rows[:, order])
 
 
 def _slips(answer: Response, judged: np.ndarray) -> list[Finding]:
@@ -166,8 +166,8 @@ def _slips(answer: Response, judged: np.ndarray) -> list[Finding]:
             continue
         middle = float(np.median(gain[axes]))
         if low < middle < high or low < 1 / max(middle, 1e-9) < high:
-            said = f"the vehicle answers {middle:.3g} times as much as its model says: it looks like {unit}."
-            found.append(Finding("error", what, "angular" if what == "degrees" else "linear", said, "Check the unit."))
+            text = f"the vehicle answers {middle:.3g} times as much as its model says: it looks like {unit}."
+            found.append(Finding("error", what, "angular" if what == "degrees" else "linear", text, "Check the unit."))
     return found
 
 
@@ -186,8 +186,8 @@ def _cut_off(model: Model, motion: Motion, regression: Regression, lag: float, j
     (limit, _), left = min(tried.items(), key=lambda item: item[1])
     if left > 0.6 * plain or plain < 0.01:
         return []
-    said = (
+    text = (
         f"thrust stops growing at a command of about {limit:.2f}, though commands reach {largest:.2f}: clipped on the "
         "way to the thrusters."
     )
-    return [Finding("warning", "clipped", "commands", said, "Log what the thrusters get; check limits and voltage.")]
+    return [Finding("warning", "clipped", "commands", text, "Log what the thrusters get; check limits and voltage.")]

@@ -154,8 +154,8 @@ def _both(pair: Pair) -> np.ndarray:
 def _check(pair: Pair, good: np.ndarray) -> list[Finding]:
     a, b = pair.a[good] - pair.a[good].mean(axis=0), pair.b[good] - pair.b[good].mean(axis=0)
     if pair.in_world is not None and _agreement(a, pair.in_world[good]) > 0.8 > _agreement(a, b) + 0.1:
-        said = "velocity is the rate of position in n; expected it in b, forward, right, down."
-        return [Finding("error", "frame", "velocity", said, "Turn it into b with the attitude, or leave it out.")]
+        text = "velocity is the rate of position in n; expected it in b, forward, right, down."
+        return [Finding("error", "frame", "velocity", text, "Turn it into b with the attitude, or leave it out.")]
     size_a, size_b = a.std(axis=0), b.std(axis=0)
     seen = (size_a > 4 * pair.noise[0]) & (size_b > 4 * pair.noise[1]) & (size_a > 1e-6) & (size_b > 1e-6)
     alike = (a.T @ b) / len(a) / np.outer(size_a + 1e-12, size_b + 1e-12)
@@ -192,11 +192,11 @@ def _swapped(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
     for i, k in zip(rows, columns, strict=True):
         if i != k and seen[i] and abs(alike[i, k]) > 0.6 and abs(alike[i, k]) > abs(alike[i, i]) + 0.3:
             first, second = pair.names
-            said = (
+            text = (
                 f"{pair.axes[i]} of {first} follows {pair.axes[k]} of {second} (correlation {alike[i, k]:.2f}), not "
                 f"{pair.axes[i]} ({alike[i, i]:.2f}): axes are swapped."
             )
-            return [Finding("error", "swapped", first, said, "Put the columns into the order of the components.")]
+            return [Finding("error", "swapped", first, text, "Put the columns into the order of the components.")]
     return []
 
 
@@ -209,11 +209,11 @@ def _signs(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
     names = [pair.axes[i] for i in wrong]
     others = [i for i in range(len(own)) if seen[i] and i not in wrong]
     if first == "depth" or (0 not in wrong and {1, 2} & set(wrong) and all(i == 0 for i in others)):
-        said = f"{', '.join(names)} of {first} and {second} run against each other: one has z up instead of down."
+        text = f"{', '.join(names)} of {first} and {second} run against each other: one has z up instead of down."
         fix = "Write frame: flu (body), nwu or enu (world) or up (depth) for the one that has."
-        return [Finding("error", "z_up", first, said, fix)]
-    said = f"{', '.join(names)} of {first} runs against {second} (correlation {own[wrong[0]]:.2f}): wrong sign."
-    return [Finding("error", "sign", first, said, "Check frame and mounting_deg of both.")]
+        return [Finding("error", "z_up", first, text, fix)]
+    text = f"{', '.join(names)} of {first} runs against {second} (correlation {own[wrong[0]]:.2f}): wrong sign."
+    return [Finding("error", "sign", first, text, "Check frame and mounting_deg of both.")]
 
 
 def _sizes(pair: Pair, alike: np.ndarray, seen: np.ndarray, size_a: np.ndarray, size_b: np.ndarray) -> list[Finding]:
@@ -227,16 +227,16 @@ def _sizes(pair: Pair, alike: np.ndarray, seen: np.ndarray, size_a: np.ndarray, 
             larger = middle if middle > 1 else 1 / middle
             if abs(np.log(larger / slip)) < 0.25:
                 name = first if middle > 1 else second
-                said = f"{first} is {middle:.4g} times what {second} says, a slip of units ({slip:g})."
+                text = f"{first} is {middle:.4g} times what {second} says, a slip of units ({slip:g})."
                 fix = f"Check the unit of {name}: {'deg or deg/s' if what == 'degrees' else 'mm, cm, g'}?"
-                return [Finding("error", what, first, said, fix)]
+                return [Finding("error", what, first, text, fix)]
         if not 1 / APART < middle < APART:
-            said = f"{first} is {middle:.2f} times what {second} says."
-            return [Finding("error", "disagree", first, said, "Check the scale of both.")]
+            text = f"{first} is {middle:.2f} times what {second} says."
+            return [Finding("error", "disagree", first, text, "Check the scale of both.")]
     apart = [i for i in range(len(own)) if seen[i] and own[i] < UNLIKE and size_a[i] > 0.3 * size_a.max()]
     if apart:
         names = ", ".join(pair.axes[i] for i in apart)
-        said = f"{names} of {first} and {second} disagree (correlation {own[apart[0]]:.2f})."
+        text = f"{names} of {first} and {second} disagree (correlation {own[apart[0]]:.2f})."
         fix = "Check frames (body or world?), units and levers of both."
-        found.append(Finding("error" if len(apart) > 1 else "warning", "disagree", first, said, fix))
+        found.append(Finding("error" if len(apart) > 1 else "warning", "disagree", first, text, fix))
     return found

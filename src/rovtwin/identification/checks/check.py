@@ -36,8 +36,8 @@ def check_record(record: Record, model: Model, thrusters: Sequence[str] = ()) ->
     """
     found = [*check_commands(record, model), *check_readings(record)]
     if record.duration < SHORTEST:
-        said = f"{record.duration:.2g} s long, expected {SHORTEST:g} s or more"
-        found.append(Finding("error", "gap", "record", f"the record is {said}.", "Check span and clocks."))
+        text = f"{record.duration:.2g} s long, expected {SHORTEST:g} s or more"
+        found.append(Finding("error", "gap", "record", f"the record is {text}.", "Check span and clocks."))
     elif not any(f.severity == "error" and f.what in ("degrees", "millimetres", "beyond") for f in found):
         motion = Motion.of(record)
         found += check_motion(model, motion)
@@ -58,24 +58,24 @@ def check_commands(record: Record, model: Model) -> list[Finding]:
         fix = {"like PWM in microseconds": "Write unit: pwm.", "like percent": "Write unit: percent."}.get(
             looks, "Check the unit, or the gains of mix."
         )
-        said = f"commands reach {largest:.4g}, expected -1 to 1; they look {looks}."
-        return [Finding("error", "beyond", "commands", said, fix)]
+        text = f"commands reach {largest:.4g}, expected -1 to 1; they look {looks}."
+        return [Finding("error", "beyond", "commands", text, fix)]
     weight = np.diff(np.append(record.t_command, record.end))
     mean = (weight @ u) / weight.sum()
     moved = np.sqrt(weight @ (u - mean) ** 2 / weight.sum())
     if np.abs(u).max() < 0.01 and _swings(record):
-        said = "thrusters rest and the vehicle swings: a release; it tells ratios of inertia, damping, restoring."
-        return [Finding("note", "release", "commands", said, "Fit it together with a test in which thrusters push.")]
+        text = "thrusters rest and the vehicle swings: a release; it tells ratios of inertia, damping, restoring."
+        return [Finding("note", "release", "commands", text, "Fit it together with a test in which thrusters push.")]
     if moved.max() < 0.01:
-        said = f"no excitation: no command moves by more than {moved.max():.2g} of its range."
+        text = f"no excitation: no command moves by more than {moved.max():.2g} of its range."
         fix = "Fly a test in which thrusters push; a decay test goes to `rovtwin evidence decay`."
-        return [Finding("error", "no_excitation", "commands", said, fix)]
+        return [Finding("error", "no_excitation", "commands", text, fix)]
     T = np.asarray(model.thrusters.configuration)
     wrench = np.sqrt(weight @ ((u - mean) @ T.T) ** 2 / weight.sum())
     still = wrench < 0.01 * np.abs(T).sum(axis=1)
     for axis in np.flatnonzero(still & (np.abs(T).sum(axis=1) > 1e-9)):
-        said = "not excited: its own parameters cannot be known from this record."
-        found.append(Finding("note", "unexcited", AXIS_NAMES[axis], said, "Fly a test that pushes there too."))
+        text = "not excited: its own parameters cannot be known from this record."
+        found.append(Finding("note", "unexcited", AXIS_NAMES[axis], text, "Fly a test that pushes there too."))
     return found + _rarely_read(record, model) + _flat_tops(record, weight)
 
 
@@ -84,13 +84,13 @@ def _rarely_read(record: Record, model: Model) -> list[Finding]:
     interval, follows = record.command_interval, float(np.max(np.asarray(model.thrusters.time_constant)))
     if interval is None or interval <= max(RARE, 2.0 * follows):
         return []
-    said = (
+    text = (
         f"read every {interval:.2g} s, while thrusters follow them within {follows:.2g} s: pushes in between are not "
         "known. Pushes held for several readings still tell thrust, drag and restoring; added mass, inertia, lags and "
         "short or fed-back pushes cannot be told from this record."
     )
     fix = "Use the autopilot's own log of the same dive, or ask it for servo outputs 10 times a second or more."
-    return [Finding("warning", "rare", "commands", said, fix)]
+    return [Finding("warning", "rare", "commands", text, fix)]
 
 
 def _swings(record: Record) -> bool:
@@ -111,12 +111,12 @@ def _flat_tops(record: Record, weight: np.ndarray) -> list[Finding]:
     if not cut:
         return []
     i, limit, share = max(cut, key=lambda c: c[2])
-    said = (
+    text = (
         f"of {record.command.shape[1]} thrusters' commands {len(cut)} rest at the largest value again and again, "
         f"that of thruster {i + 1} at {limit:.3g} for {share:.0%} of the time."
     )
     fix = "If a limit acts after they are logged, log what it lets through; if not, all is well."
-    return [Finding("warning", "clipped", "commands", said, fix)]
+    return [Finding("warning", "clipped", "commands", text, fix)]
 
 
 def check_readings(record: Record) -> list[Finding]:
@@ -124,8 +124,8 @@ def check_readings(record: Record) -> list[Finding]:
     found = []
     for name, signal in record.signals.items():
         if len(signal.t) < 3:
-            said = f"{len(signal.t)} readings."
-            found.append(Finding("warning", "gap", name, said, "Leave the signal out, or check its clock."))
+            text = f"{len(signal.t)} readings."
+            found.append(Finding("warning", "gap", name, text, "Leave the signal out, or check its clock."))
             continue
         found += _impossible(name, signal)
         found += _gaps(name, signal, record)
@@ -138,21 +138,21 @@ def _impossible(name: str, signal: Signal) -> list[Finding]:
     rate = np.percentile(jump / np.maximum(np.diff(signal.t), 1e-6)[:, None], 95, axis=0)
     if name == "attitude":
         if largest[0] > np.pi + 0.1 or largest[1] > np.pi / 2 + 0.1 or (np.abs(jump[:, 2] - 360) < 40).any():
-            said = f"attitude reaches {largest.max():.4g} rad, which looks like degrees."
-            return [Finding("error", "degrees", name, said, "Write unit: deg.")]
+            text = f"attitude reaches {largest.max():.4g} rad, which looks like degrees."
+            return [Finding("error", "degrees", name, text, "Write unit: deg.")]
         return _spins(signal)
     if name == "gyro" and largest.max() > FASTEST_TURN:
-        said = f"body rates reach {largest.max():.4g} rad/s, which looks like degrees per second."
-        return [Finding("error", "degrees", name, said, "Write unit: deg/s.")]
+        text = f"body rates reach {largest.max():.4g} rad/s, which looks like degrees per second."
+        return [Finding("error", "degrees", name, text, "Write unit: deg/s.")]
     if name == "accelerometer":
         return _gravity(signal)
     speed = largest.max() if name == "velocity" else rate.max() if name in ("position", "horizontal", "depth") else 0.0
     if speed > FASTEST and _steady(name, signal) > FASTEST:
-        said = f"a speed of {speed:.4g} m/s, which looks like millimetres."
-        return [Finding("error", "millimetres", name, said, f"Write unit: {'mm/s' if name == 'velocity' else 'mm'}.")]
+        text = f"a speed of {speed:.4g} m/s, which looks like millimetres."
+        return [Finding("error", "millimetres", name, text, f"Write unit: {'mm/s' if name == 'velocity' else 'mm'}.")]
     if name == "depth" and np.median(signal.value) < -0.3:
-        said = f"depth is {np.median(signal.value):.3g} m, above the surface: it looks like z up instead of down."
-        return [Finding("error", "z_up", name, said, "Write frame: up.")]
+        text = f"depth is {np.median(signal.value):.3g} m, above the surface: it looks like z up instead of down."
+        return [Finding("error", "z_up", name, text, "Write frame: up.")]
     return []
 
 
@@ -161,12 +161,12 @@ def _gravity(signal: Signal) -> list[Finding]:
     size, mean = float(np.median(np.linalg.norm(signal.value, axis=1))), signal.value.mean(axis=0)
     if not 0.7 * GRAVITY < size < 1.4 * GRAVITY:
         unit = "g" if 0.7 < size < 1.4 else "mm/s2" if 700 < size / GRAVITY < 1400 else None
-        said = f"specific force is {size:.4g} m/s2 in the median, expected about {GRAVITY:g}."
+        text = f"specific force is {size:.4g} m/s2 in the median, expected about {GRAVITY:g}."
         fix = f"Write unit: {unit}." if unit else "Check the unit; was gravity taken off? Then leave it out."
-        return [Finding("error", "units", "accelerometer", said, fix)]
+        return [Finding("error", "units", "accelerometer", text, fix)]
     if mean[2] > 0.7 * size:
-        said = f"specific force is {mean[2]:.3g} m/s2 on z, expected {-GRAVITY:g} when level: z up, or its sign."
-        return [Finding("error", "z_up", "accelerometer", said, "Write frame: flu, or turn the sign.")]
+        text = f"specific force is {mean[2]:.3g} m/s2 on z, expected {-GRAVITY:g} when level: z up, or its sign."
+        return [Finding("error", "z_up", "accelerometer", text, "Write frame: flu, or turn the sign.")]
     return []
 
 
@@ -187,14 +187,14 @@ def _spins(signal: Signal) -> list[Finding]:
     bad = (rate > SPIN) & (turn > 0.25) & (rate > 8 * np.percentile(rate, 90))
     if bad.any() and bad.mean() < 0.05:
         when = signal.t[1:][bad][0]
-        said = f"turns of up to {np.degrees(turn[bad].max()):.0f} deg between readings, {bad.sum()} times, first at "
-        said += f"{when:.2f} s: angles were averaged or interpolated where they wrap."
+        text = f"turns of up to {np.degrees(turn[bad].max()):.0f} deg between readings, {bad.sum()} times, first at "
+        text += f"{when:.2f} s: angles were averaged or interpolated where they wrap."
         fix = "Unwrap before you filter, or log a quaternion; leave those readings out."
-        return [Finding("error", "wrap", "attitude", said, fix)]
+        return [Finding("error", "wrap", "attitude", text, fix)]
     wraps = (np.abs(np.diff(signal.value[:, [0, 2]], axis=0)) > np.pi).sum()
     if wraps:
-        said = f"angles wrap {wraps} times."
-        return [Finding("note", "wrap", "attitude", said, "Nothing to do: angles are compared on the circle.")]
+        text = f"angles wrap {wraps} times."
+        return [Finding("note", "wrap", "attitude", text, "Nothing to do: angles are compared on the circle.")]
     return []
 
 
@@ -207,6 +207,6 @@ def _gaps(name: str, signal: Signal, record: Record) -> list[Finding]:
     if not len(missing):
         return []
     longest, share = missing.max(), missing.sum() / record.duration
-    said = f"{len(missing)} gaps, the longest {longest:.2g} s, {share:.0%} of the record."
+    text = f"{len(missing)} gaps, the longest {longest:.2g} s, {share:.0%} of the record."
     fix = "Nothing is believed inside a gap; fly it again where much is missing."
-    return [Finding("warning", "gap", name, said, fix)]
+    return [Finding("warning", "gap", name, text, fix)]

@@ -17,7 +17,7 @@ from rovtwin.identification.logs.response import Regression, thruster_forces
 from rovtwin.vehicle.physics.model import Model
 
 LAGS = np.round(np.arange(-2.0, 2.01, 0.1), 2)
-_TOLD = 0.2  # share of an axis' acceleration that thrusters must explain before its lag counts
+_EXPLAINED = 0.2  # share of an axis' acceleration that thrusters must explain before its lag counts
 _ROUGH = 0.35  # [s] by which a lag against the commands may be wrong
 _COARSE = 0.04  # [s] between rows, from which a slip by a row can be told from a clock
 _ROWS = 6  # rows by which columns may have slipped
@@ -114,19 +114,19 @@ def _explained(model: Model, record: Record) -> float:
 def _finding(record: Record, name: str, wrong: dict[str, float], alone: bool) -> Finding:
     by = wrong[name]
     way = "behind" if by > 0 else "ahead of"
-    said = (
+    text = (
         f"{name} is {abs(by):.2f} s {way} the commands{'' if alone else ' and the other signals'}: its clock differs."
     )
     rows = _rows(record, name, by)
     if rows:
-        said += f" Its columns are {abs(rows)} samples {'later' if rows > 0 else 'earlier'} than the others."
+        text += f" Its columns are {abs(rows)} samples {'later' if rows > 0 else 'earlier'} than the others."
     fix = f"Write signals.{name}.time_offset: {-by:.2f}, which is added to its times and no other signal's."
     same = [other for other in wrong if other != name and abs(wrong[other] - by) < _SMALLEST]
     if same:
         fix += (
             f" {', '.join(same)}: the same; where they are a file of their own, clock: estimate there does it for all."
         )
-    return Finding("error", "clock", name, said, fix)
+    return Finding("error", "clock", name, text, fix)
 
 
 def _rows(record: Record, name: str, by: float) -> int:
@@ -147,10 +147,10 @@ def behind_commands(model: Model, record: Record, axes: slice = slice(0, 6)) -> 
     if regression is None:
         return None
     table = np.array([regression.against(thruster_forces(model, motion, lag)).explainable for lag in LAGS])
-    told = (table.max(axis=0) > _TOLD) & np.isin(regression.axes, np.arange(6)[axes])
-    if not told.any():
+    explained = (table.max(axis=0) > _EXPLAINED) & np.isin(regression.axes, np.arange(6)[axes])
+    if not explained.any():
         return None
-    return float(LAGS[int(np.argmax(table[:, told].mean(axis=1)))])
+    return float(LAGS[int(np.argmax(table[:, explained].mean(axis=1)))])
 
 
 def all_behind(record: Record, lag: float, shares: tuple[float, float], rows: int) -> Finding:
@@ -162,7 +162,7 @@ def all_behind(record: Record, lag: float, shares: tuple[float, float], rows: in
         shares: Of the accelerations that commands explain then, and as they are.
         rows: By how many rows of a common table the commands may be late, see `slipped_rows`.
     """
-    said = (
+    text = (
         f"the motion follows the commands best when these are taken {abs(lag):.1f} s "
         f"{'earlier' if lag < 0 else 'later'} (they explain {shares[0]:.0%} of the accelerations instead of "
         f"{shares[1]:.0%}): the clocks differ, by the same for {_all_of(record)}."
@@ -172,12 +172,12 @@ def all_behind(record: Record, lag: float, shares: tuple[float, float], rows: in
         "no time_offset at a signal. Where the commands are a file of their own: clock: estimate there."
     )
     if rows:
-        said += (
+        text += (
             f" Or columns are paired with the wrong rows: the commands are {abs(rows)} "
             f"sample{'s' if abs(rows) > 1 else ''} {'later' if rows > 0 else 'earlier'} than all others."
         )
         fix += " If rows have slipped, move the columns by whole rows: samples are not evenly spaced."
-    return Finding("error", "clock", "commands", said, fix)
+    return Finding("error", "clock", "commands", text, fix)
 
 
 def _all_of(record: Record) -> str:

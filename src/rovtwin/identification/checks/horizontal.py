@@ -46,12 +46,12 @@ def check_horizontal(model: Model, motion: Motion) -> list[Finding]:
     size = np.sqrt(np.mean(gone**2) * np.mean(pushed**2))
     if np.sqrt(np.mean(gone**2)) < MOVED or np.sqrt(np.mean(pushed**2)) < MOVED:
         return []
-    scores = {said: float(np.mean((gone @ np.array(T).T) * pushed) / size) for said, T in _UNDONE.items()}
+    scores = {mistake: float(np.mean((gone @ np.array(T).T) * pushed) / size) for mistake, T in _UNDONE.items()}
     now, best = float(np.mean(gone * pushed) / size), max(scores.values())
     if now > POOR or best < GOOD:
         return []
-    said = next(words for words, score in scores.items() if score > best - 0.02)
-    message = f"{said}: places follow the commands with a correlation of {best:.2f} so, of {now:.2f} as written."
+    mistake = next(words for words, score in scores.items() if score > best - 0.02)
+    message = f"{mistake}: places follow the commands with a correlation of {best:.2f} so, of {now:.2f} as written."
     return [Finding("error", "horizontal", name, message, "Check frame (ned, enu, nwu) and the order of the columns.")]
 
 

@@ -62,8 +62,8 @@ def _of_log(path: Path, axis: str) -> tuple[np.ndarray, np.ndarray]:
 def _of_table(path: Path, axis: str, column: str | None) -> tuple[np.ndarray, np.ndarray]:
     (table,) = read_csv(path, []).tables.values()
     names = {_plain(name): name for name in table.columns}
-    wanted = [*(f"{word}{unit}" for word in (*AXES[axis], "angle") for unit in ("", "deg", "rad"))]
-    found = column if column is not None else next((names[w] for w in wanted if w in names), None)
+    expected = [*(f"{word}{unit}" for word in (*AXES[axis], "angle") for unit in ("", "deg", "rad"))]
+    found = column if column is not None else next((names[w] for w in expected if w in names), None)
     if found is None:
         raise IdentificationError(
             f"{path}: found columns {', '.join(table.columns)}; which one is the {axis} angle? Give --column NAME"

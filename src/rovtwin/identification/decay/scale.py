@@ -133,8 +133,8 @@ def from_ballast(decay: Decay, ballasted: Decay, added_stiffness: float, added_i
     jacobian[1:] = J * np.eye(3)
     jacobian[:, 0] += values / J * by_c
     covariance = jacobian @ decay.covariance @ jacobian.T + of_it * by_it**2 * np.outer(values, values) / J**2
-    said = f"a second decay with a known weight ({added_stiffness:.3g} N m/rad, {added_inertia:.3g} kg m2)"
-    return replace(decay, moments=Moments(values, covariance, said))
+    text = f"a second decay with a known weight ({added_stiffness:.3g} N m/rad, {added_inertia:.3g} kg m2)"
+    return replace(decay, moments=Moments(values, covariance, text))
 
 
 def pooled(decays: list[Decay]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
@@ -160,8 +160,8 @@ def pooled(decays: list[Decay]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]
     left = int(free.sum()) * (len(decays) - 1)
     if left and stats.chi2.sf(chi2, left) < 0.01:
         factor = chi2 / left
-        said = f"the decays differ {np.sqrt(factor):.1f} times more than each says: intervals are widened by that"
-        return ratios, covariance * factor, (said,)
+        text = f"the decays differ {np.sqrt(factor):.1f} times more than each says: intervals are widened by that"
+        return ratios, covariance * factor, (text,)
     return ratios, covariance, ()
 
 

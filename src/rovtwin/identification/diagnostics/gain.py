@@ -20,7 +20,7 @@ from rovtwin.vehicle.physics.model import Model
 FAR = 1.5  # factor of all forces beyond which the commands are doubted
 _EACH = 1.2  # factor that every group of thrusters must have left its prior by, to the same side
 _GAINS = np.round(np.geomspace(0.25, 4.0, 17), 3)
-_TOLD = 0.2  # share of an axis' acceleration that thrusters must explain before its shape counts
+_EXPLAINED = 0.2  # share of an axis' acceleration that thrusters must explain before its shape counts
 _BETTER = 0.01  # share of the accelerations that another gain must explain more
 
 
@@ -84,9 +84,9 @@ def gain_by_shape(model: Model, records: Sequence[Record]) -> float | None:
             force = thruster_forces(model, replace(motion, record=driven, _known={}))
             found.append(regression.against(force).explainable)
         table = np.array(found)
-        told = table.max(axis=0) > _TOLD
-        if told.any():
-            shares.append(record.duration * table[:, told].mean(axis=1))
+        explained = table.max(axis=0) > _EXPLAINED
+        if explained.any():
+            shares.append(record.duration * table[:, explained].mean(axis=1))
             durations.append(record.duration)
     if not shares:
         return None

@@ -18,7 +18,7 @@ _LEFT = 1.5  # factor by which a thruster's figure must have left its file's val
 
 def about_equal_thrusters(parameters: Parameters, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
     """Groups of thrusters whose file gives one curve to all, and whose forces came out apart beyond their widths."""
-    said, free = [], set(parameters.names)
+    remarks, free = [], set(parameters.names)
     for side in ("force_ahead", "force_astern"):
         for groups in _equal_groups(parameters, side):
             value, apart = _forces(parameters, theta, covariance, groups, side)
@@ -27,12 +27,12 @@ def about_equal_thrusters(parameters: Parameters, theta: np.ndarray, covariance:
             order = sorted(groups, key=lambda g: -value[g])
             named = [g if f"thrusters.{g}.{side}" in free else f"{g} as in the file" for g in order]
             shares = " : ".join(f"{value[g] / value[order[0]]:.2g}" for g in order)
-            said.append(
+            remarks.append(
                 f"thrusters of one kind came out at {shares} ({', '.join(named)}; {side.replace('_', ' ')}, "
                 f"{', '.join(f'{value[g]:.3g}' for g in order)} N): equal thrusters push alike, but for the flow past "
                 "the hull. Check their places and directions, the columns of their commands, and propellers"
             )
-    return said
+    return remarks
 
 
 def _equal_groups(parameters: Parameters, side: str) -> list[list[str]]:

@@ -69,11 +69,11 @@ class Standing:
     def heading(self, learnt: str, doubts: Sequence[str]) -> str:
         """One line for the top of a report: grade, what was learnt (in the caller's words), prediction, reasons."""
         against = f", {self.contradicted} contradicted" if self.contradicted else ""
-        told = f"{learnt}{against}; {self.prediction}"
+        text = f"{learnt}{against}; {self.prediction}"
         if not self.doubted:
-            return told if self.predicts else f"Not validated: {told}"
+            return text if self.predicts else f"Not validated: {text}"
         grade = "Predicts, but not to be relied on beyond that" if self.predicts else "Not to be relied on"
-        return f"{grade}: {told}. Against it: {'; '.join(doubts)}"
+        return f"{grade}: {text}. Against it: {'; '.join(doubts)}"
 
 
 def standing(verdicts: Sequence[str], held_out: Sequence[Prediction], doubts: Sequence[str], settled: bool) -> Standing:

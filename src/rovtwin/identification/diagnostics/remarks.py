@@ -162,18 +162,18 @@ def about_solution(
     ballasted: bool,
 ) -> list[str]:
     """Remarks: what did not converge, what is not white, what validates badly."""
-    said = []
+    remarks = []
     if not solution.converged:
-        said.append(f"the estimate has not settled after {solution.steps} steps: widths are not to be trusted")
+        remarks.append(f"the estimate has not settled after {solution.steps} steps: widths are not to be trusted")
     scale, before = (scale_width(parameters, C) for C in (solution.covariance, prior.covariance))
     if scale > COARSE:
         source = "from the anchors and the prior" if anchors else "from the prior"
-        said.append(
+        remarks.append(
             f"the common scale of all forces is known to {100 * scale:.0f} % only (one standard deviation), {source}: "
             "add a bollard pull (anchors), a towing table or a test with known ballast"
         )
     elif not anchors and not ballasted and scale < 0.5 * before:
-        said.append(
+        remarks.append(
             f"the common scale of all forces seems known to {100 * scale:.1f} % from motion alone, by the "
             "inertia of a rigid body whose centre of gravity is off CO: that trusts couplings of added mass and drag "
             "that are not estimated; do not rely on it, add a bollard pull (anchors) or a test with known ballast"
@@ -181,15 +181,15 @@ def about_solution(
     coloured = _coloured(residuals)
     if coloured:
         worst = max(residuals[name].inflation for name in coloured)
-        said.append(
+        remarks.append(
             f"residuals are not white ({', '.join(coloured)}; up to {worst:.0f} readings count as one): the model "
             "lacks something that the vehicle does"
         )
-    said += _about_widths(solution)
-    said += about_effects(parameters, solution)
-    said += about_narrow(parameters, solution.covariance)
-    said += _about_validation(fitted, held_out)
-    return said
+    remarks += _about_widths(solution)
+    remarks += about_effects(parameters, solution)
+    remarks += about_narrow(parameters, solution.covariance)
+    remarks += _about_validation(fitted, held_out)
+    return remarks
 
 
 def _coloured(residuals: Mapping[str, Residuals]) -> list[str]:
@@ -260,13 +260,13 @@ def about_narrow(parameters: Parameters, covariance: np.ndarray) -> list[str]:
 
 
 def _about_validation(fitted: Sequence[Prediction], held_out: Sequence[Prediction]) -> list[str]:
-    said = []
+    remarks = []
     for p in (q for q in held_out if q.window is None):
         for component in judged(p):
             score = p.scores[component]
             own = [q.scores[component].fit for q in fitted if component in q.scores and q.excited[component]]
             if own and score.fit < np.mean(own) - 25:
-                said.append(
+                remarks.append(
                     f"{p.record}: {component} is predicted with a fit of {score.fit:.0f} %, against "
                     f"{np.mean(own):.0f} % on the fitted tests: much worse, so the model does not carry over"
                 )
@@ -275,5 +275,5 @@ def _about_validation(fitted: Sequence[Prediction], held_out: Sequence[Predictio
             - {c.split(".")[0] for c, e in p.excited.items() if e}
         )
         if still:
-            said.append(f"{p.record}: nothing moved in {', '.join(still)}: no validation of it")
-    return said
+            remarks.append(f"{p.record}: nothing moved in {', '.join(still)}: no validation of it")
+    return remarks

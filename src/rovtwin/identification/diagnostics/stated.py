@@ -92,31 +92,31 @@ def stated(vehicle: Vehicle, label: str) -> Stated:
 
 def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Value]:
     """Everything that the model has, as known exactly as the file says."""
-    said: dict[str, tuple[float, str]] = {}
+    stated: dict[str, tuple[float, str]] = {}
     diagonals = {"added_mass": model.added_mass} | {
         name: getattr(model, name if "astern" in name else f"{name}_ahead") for name in DAMPINGS
     }
     for name, matrix in diagonals.items():
         units = UNITS[name.split("_")[0]]
         for i, direction in enumerate(DIRECTIONS):
-            said[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i]
+            stated[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i]
     for name, share in shares(model).items():
         if abs(share) < bound_of(name):
-            said[name] = share, "1"
+            stated[name] = share, "1"
     lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
-    said["restoring.metacentric_height"] = float(-lever[2]), "m"
-    said["restoring.center_of_buoyancy_x"] = float(lever[0]), "m"
-    said["restoring.center_of_buoyancy_y"] = float(lever[1]), "m"
-    said["restoring.net_buoyancy"] = float(model.buoyancy - model.weight), "N"
+    stated["restoring.metacentric_height"] = float(-lever[2]), "m"
+    stated["restoring.center_of_buoyancy_x"] = float(lever[0]), "m"
+    stated["restoring.center_of_buoyancy_y"] = float(lever[1]), "m"
+    stated["restoring.net_buoyancy"] = float(model.buoyancy - model.weight), "N"
     for group, members in groups.items():
         tabulated = bool(model.thrusters.tabulated[members[0]])
         for name, unit in THRUST_UNITS.items():
             if not (tabulated and name in ("exponent", "dead_band")):  # the table has them
-                said[f"thrusters.{group}.{name}"] = float(getattr(model.thrusters, name)[members[0]]), unit
+                stated[f"thrusters.{group}.{name}"] = float(getattr(model.thrusters, name)[members[0]]), unit
     signed = ("restoring.center", "restoring.net")
     return {
         name: Value(
             value, unit, float("nan"), value > 0 and not name.startswith(signed) and place_of(name) is None, name
         )
-        for name, (value, unit) in said.items()
+        for name, (value, unit) in stated.items()
     }

@@ -42,8 +42,8 @@ class Blind:
 def verdicts(prior: Gaussian, solution: Solution, contradicted: Collection[int] = ()) -> list[str]:
     """`learnt`, `partly`, `prior only` or `contradicted` (see `contradictions`), per parameter."""
     ratio = np.sqrt(np.diag(solution.covariance) / np.diag(prior.covariance))
-    said = ["learnt" if r < LEARNT else "partly" if r < PRIOR_ONLY else "prior only" for r in ratio]
-    return ["contradicted" if i in contradicted else word for i, word in enumerate(said)]
+    words = ["learnt" if r < LEARNT else "partly" if r < PRIOR_ONLY else "prior only" for r in ratio]
+    return ["contradicted" if i in contradicted else word for i, word in enumerate(words)]
 
 
 def blind_directions(parameters: Parameters, prior: Gaussian, solution: Solution) -> list[Blind]:
@@ -73,8 +73,8 @@ def _in_words(names: tuple[str, ...], weights: np.ndarray, information: float) -
     nothing = information < _NOTHING
     if len(names) == 1:
         if nothing:
-            return f"{said(names[0])}: the tests say nothing of it, the value is what was known before"
-        return f"{said(names[0])}: the tests say less of it than was known before"
+            return f"{name_in_words(names[0])}: the tests say nothing of it, the value is what was known before"
+        return f"{name_in_words(names[0])}: the tests say less of it than was known before"
     if _is_scale(names, weights):
         alone = "motion alone cannot tell it; a bollard pull, a towing test or a known ballast can"
         little = "the tests say less of it than was known before"
@@ -84,7 +84,9 @@ def _in_words(names: tuple[str, ...], weights: np.ndarray, information: float) -
     if _is_sum(names, weights):
         kinds = " and ".join(sorted(n.split(".")[0].replace("_", " ") for n in names))
         return f"{names[0].split('.')[1]} {kinds}: only their sum at the speeds flown is known"
-    signs = ", ".join(f"{said(n)} {'up' if w > 0 else 'down'}" for n, w in zip(names[:6], weights, strict=False))
+    signs = ", ".join(
+        f"{name_in_words(n)} {'up' if w > 0 else 'down'}" for n, w in zip(names[:6], weights, strict=False)
+    )
     more = f" and {len(names) - 6} more" if len(names) > 6 else ""
     return f"together: {signs}{more}: " + (
         "only other combinations of them are known" if nothing else "known less from the tests than before"
@@ -112,7 +114,7 @@ def _is_sum(names: tuple[str, ...], weights: np.ndarray) -> bool:
     )
 
 
-def said(name: str) -> str:
+def name_in_words(name: str) -> str:
     """A parameter's name for a sentence: `quadratic damping, surge`."""
     first, *rest = name.split(".")
     return f"{first.replace('_', ' ')}, {' '.join(rest).replace('_', ' ')}"

@@ -108,9 +108,9 @@ def considered(
     moved = -np.linalg.solve(A, corner[np.ix_(keep, np.arange(n, n + q))])[:n]
     more = moved @ S @ moved.T
     bound = np.diag(problem.prior.covariance) + (solution.unknowns.theta - problem.prior.mean) ** 2
-    wanted = np.diag(solution.covariance) + np.diag(more)
+    target = np.diag(solution.covariance) + np.diag(more)
     # No width grows beyond the prior's, and how far the estimate has left it, as in `agreement.widening`.
-    least = np.minimum(1.0, np.sqrt(np.maximum(bound, np.diag(solution.covariance)) / wanted))
+    least = np.minimum(1.0, np.sqrt(np.maximum(bound, np.diag(solution.covariance)) / target))
     covariance = (solution.covariance + more) * np.outer(least, least)
     grown = np.sqrt(np.diag(covariance) / np.diag(solution.covariance))
     return replace(solution, covariance=covariance, widening=solution.widening * grown)

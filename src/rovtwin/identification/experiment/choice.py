@@ -17,9 +17,9 @@ from rovtwin.identification.joint.model.parameters import Parameters
 LEARNT = 0.5  # a parameter counts as identifiable where a test brings its standard deviation below this share
 
 
-def spread(prior: Gaussian, told: Information, times: np.ndarray) -> float:
+def spread(prior: Gaussian, information: Information, times: np.ndarray) -> float:
     """What a plan makes small: mean logarithm of the variances of theta over those of the prior."""
-    return _spread(prior, inverse(told.after(prior, times)))
+    return _spread(prior, inverse(information.after(prior, times)))
 
 
 def _spread(prior: Gaussian, covariance: np.ndarray) -> float:
@@ -27,51 +27,52 @@ def _spread(prior: Gaussian, covariance: np.ndarray) -> float:
     return float(np.mean(np.log(np.diag(covariance)[:n] / np.diag(prior.covariance))))
 
 
-def choose_tests(prior: Gaussian, told: Information, seconds: float, start: Sequence[int] = ()) -> list[int]:
+def choose_tests(prior: Gaussian, information: Information, seconds: float, start: Sequence[int] = ()) -> list[int]:
     """Tests to fly within a time, in the order in which they tell most; one may be flown several times.
 
     Args:
         prior: Of theta.
-        told: By the candidates.
+        information: By the candidates.
         seconds: There are.
         start: Tests that are in the plan before others are added; they may be exchanged, too.
 
     Raises:
         IdentificationError: Not even the shortest candidate fits.
     """
-    if seconds < told.seconds.min():
+    if seconds < information.seconds.min():
         raise IdentificationError(
-            f"found {seconds / 60:.3g} minutes, expected at least {told.seconds.min() / 60:.1f}: the shortest manoeuvre"
+            f"found {seconds / 60:.3g} minutes, expected at least {information.seconds.min() / 60:.1f}: "
+            "the shortest manoeuvre"
         )
     order = list(start)
-    while (best := _best(prior, told, order, seconds)) is not None:
+    while (best := _best(prior, information, order, seconds)) is not None:
         order.append(best)
-    return _exchanged(prior, told, order, seconds)
+    return _exchanged(prior, information, order, seconds)
 
 
-def _times(told: Information, order: Sequence[int]) -> np.ndarray:
-    return np.bincount(np.asarray(order, dtype=int), minlength=len(told.seconds)).astype(float)
+def _times(information: Information, order: Sequence[int]) -> np.ndarray:
+    return np.bincount(np.asarray(order, dtype=int), minlength=len(information.seconds)).astype(float)
 
 
-def _best(prior: Gaussian, told: Information, order: Sequence[int], seconds: float) -> int | None:
+def _best(prior: Gaussian, information: Information, order: Sequence[int], seconds: float) -> int | None:
     """The candidate that fits beside others and gains most per second."""
-    left = seconds - sum(told.seconds[i] for i in order)
-    total = told.after(prior, _times(told, order))
+    left = seconds - sum(information.seconds[i] for i in order)
+    total = information.after(prior, _times(information, order))
     covariance = inverse(total)
-    now, most = _spread(prior, covariance), _most(prior, told, covariance)
+    now, most = _spread(prior, covariance), _most(prior, information, covariance)
     best, gain = None, 0.0
     for i in np.argsort(-most):
         if most[i] <= gain:
             break
-        if told.seconds[i] > left + 1e-9:
+        if information.seconds[i] > left + 1e-9:
             continue
-        gained = (now - _spread(prior, inverse(total + told.matrices[i]))) / told.seconds[i]
+        gained = (now - _spread(prior, inverse(total + information.matrices[i]))) / information.seconds[i]
         if gained > gain:
             best, gain = int(i), gained
     return best
 
 
-def _most(prior: Gaussian, told: Information, covariance: np.ndarray) -> np.ndarray:
+def _most(prior: Gaussian, information: Information, covariance: np.ndarray) -> np.ndarray:
     """What each candidate gains at most per second, shape (tests,).
 
     A variance is the inverse of a Schur complement, which is concave in the information, so that its logarithm is
@@ -80,18 +81,23 @@ def _most(prior: Gaussian, told: Information, covariance: np.ndarray) -> np.ndar
     n = len(prior.mean)
     columns = covariance[:, :n]
     slope = (columns / np.diag(covariance)[:n]) @ columns.T / n
-    return np.tensordot(told.matrices, slope, 2) / told.seconds
+    return np.tensordot(information.matrices, slope, 2) / information.seconds
 
 
-def _exchanged(prior: Gaussian, told: Information, order: list[int], seconds: float, rounds: int = 3) -> list[int]:
+def _exchanged(
+    prior: Gaussian, information: Information, order: list[int], seconds: float, rounds: int = 3
+) -> list[int]:
     """The plan with each test replaced by a better one, as long as there is one."""
     for _ in range(rounds):
         changed = False
         for place in range(len(order)):
-            best = _best(prior, told, order[:place] + order[place + 1 :], seconds)
+            best = _best(prior, information, order[:place] + order[place + 1 :], seconds)
             if best is not None and best != order[place]:
                 new = [*order[:place], best, *order[place + 1 :]]
-                if spread(prior, told, _times(told, new)) < spread(prior, told, _times(told, order)) - 1e-9:
+                if (
+                    spread(prior, information, _times(information, new))
+                    < spread(prior, information, _times(information, order)) - 1e-9
+                ):
                     order, changed = new, True
         if not changed:
             break
@@ -132,16 +138,18 @@ class Expected:
         return [(float(m), float(np.exp(np.interp(m, *full)))) for m in marks]
 
 
-def expected(parameters: Parameters, prior: Gaussian, told: Information, order: Sequence[int]) -> Expected:
+def expected(parameters: Parameters, prior: Gaussian, information: Information, order: Sequence[int]) -> Expected:
     """Of a plan, manoeuvre by manoeuvre."""
-    path = [np.sqrt(np.diag(told.covariance(prior, _times(told, order[: k + 1])))) for k in range(len(order))]
+    path = [
+        np.sqrt(np.diag(information.covariance(prior, _times(information, order[: k + 1])))) for k in range(len(order))
+    ]
     return Expected(
         names=parameters.names,
         values=parameters.values(np.zeros(len(parameters))),
         relative=np.array([p.positive for p in parameters.free]),
         prior=np.sqrt(np.diag(prior.covariance)),
         plan=path[-1],
-        minutes=np.cumsum(told.seconds[list(order)]) / 60.0,
+        minutes=np.cumsum(information.seconds[list(order)]) / 60.0,
         path=np.stack(path),
     )
 

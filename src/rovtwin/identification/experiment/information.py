@@ -117,7 +117,7 @@ def information(
 
     blocks = Shooting(parameters, cuts.segments).blocks.lower(*given(cuts.batches[0])).compile()
 
-    def told(batch: range) -> list[np.ndarray]:
+    def information_of(batch: range) -> list[np.ndarray]:
         found = blocks(*given(batch))
         readings = np.einsum("g,sgab->sab", sigma**-2.0, np.asarray(found.readings))
         defects = np.asarray(found.defect_jacobian) / defect[:, None]
@@ -126,7 +126,7 @@ def information(
 
     matrices = np.zeros((len(tests), *[len(parameters) + len(groups)] * 2))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for batch, of_records in zip(cuts.batches, pool.map(told, cuts.batches), strict=True):
+        for batch, of_records in zip(cuts.batches, pool.map(information_of, cuts.batches), strict=True):
             np.add.at(matrices, cuts.owner[batch], of_records)
             progress(batch.stop / len(cuts.owner))
     return Information(matrices, offset_widths(groups) ** -2.0, np.asarray(seconds, dtype=float))

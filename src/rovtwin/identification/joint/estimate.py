@@ -217,10 +217,10 @@ def _solution(
     # What is known of theta without its prior, the offsets eliminated too.
     reduced = factored.corner
     rest = np.linalg.solve(reduced[n:, n:], reduced[n:, :n])
-    told = reduced[:n, :n] - reduced[:n, n:] @ rest - problem.information
-    told = 0.5 * (told + told.T)
+    measured = reduced[:n, :n] - reduced[:n, n:] @ rest - problem.information
+    measured = 0.5 * (measured + measured.T)
     static = problem.static_information(here.theta) - problem.information
-    theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
+    theta, covariance = moved_to_the_middle(problem, here.theta, measured - static)
     divisions = stretches(problem, here.nodes)
     wider = widening(problem, here.theta, blocks, noise, arrow, divisions)
     bound = np.diag(problem.prior.covariance) + (here.theta - problem.prior.mean) ** 2
@@ -233,6 +233,6 @@ def _solution(
     given = problem, here.theta, blocks, noise, arrow, divisions
     apart, halves = (logs_apart(*given), halves_apart(*given)) if converged else (None, None)
     return Solution(
-        replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost, apart,
+        replace(here, theta=theta), noise, covariance, measured, offset_std, wider, most, converged, steps, cost, apart,
         halves, left_out,
     )  # fmt: skip

@@ -112,9 +112,9 @@ def panel_added_mass(
     fine = _meshed(mesher, size, LEAST)
     walls = _Walls.between(fine, depth, floor)
     coarse = _meshed(mesher, mesher.coarser * size, LEAST * 2 // 3)
-    told = _counter(progress, 2 * (2 + len(walls.images)))
-    raw, pressure = _solve(fine, density, walls, told)
-    other, _ = _solve(coarse, density, walls, told)
+    step = _counter(progress, 2 * (2 + len(walls.images)))
+    raw, pressure = _solve(fine, density, walls, step)
+    other, _ = _solve(coarse, density, walls, step)
     ratio = len(fine.faces) / len(coarse.faces)
     regular = mesher.order > 0 and fine.wet is None and ratio > 1
     limit = raw + (raw - other) / (ratio ** (mesher.order / 2) - 1) if regular else raw
@@ -143,13 +143,13 @@ def _scale(matrix: np.ndarray, panels: Panels) -> np.ndarray:
 def _counter(progress: Progress | None, total: int) -> Callable[[], None]:
     done = 0
 
-    def told() -> None:
+    def step() -> None:
         nonlocal done
         done += 1
         if progress is not None:
             progress(done, total)
 
-    return told
+    return step
 
 
 def _meshed(mesher: Mesher, size: float, least: int) -> Panels:
@@ -206,7 +206,7 @@ class _Walls:
         return cls("unbounded water")
 
 
-def _solve(panels: Panels, density: float, walls: _Walls, told: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
+def _solve(panels: Panels, density: float, walls: _Walls, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
     """M_A of one mesh, shape (6, 6), and the pressure for unit accelerations, shape (m, 6)."""
     cpt = _capytaine()
     # Its table of wave integrals, half a minute to make, is not needed: a token one.
@@ -214,20 +214,20 @@ def _solve(panels: Panels, density: float, walls: _Walls, told: Callable[[], Non
     mesh = cpt.Mesh(vertices=panels.vertices, faces=panels.faces)
     direct = panels.wet is None
     S, D = _influence(green, mesh, mesh, direct)
-    told()
+    step()
     for sign, shift in walls.images:
         vertices = panels.vertices * [1.0, 1.0, sign] + [0.0, 0.0, shift]
         faces = panels.faces if sign > 0 else panels.faces[:, ::-1]
         S_image, D_image = _influence(green, mesh, cpt.Mesh(vertices=vertices, faces=faces), direct)
         S, D = S + S_image, D + D_image
-        told()
+        step()
     normal = np.asarray(mesh.faces_normals)
     motions = np.concatenate([normal, np.cross(np.asarray(mesh.faces_centers), normal)], axis=1)
     # Green's identity on the surface, D phi = S dphi/dn, holds on closed surfaces. Parts that run into each other are
     # not one: sources on all of them, whose flow outside is right whatever they do inside. Pressure is -rho dphi/dt.
     potential = np.linalg.solve(D, S @ motions) if direct else S @ np.linalg.solve(D, motions)
     pressure = -density * potential
-    told()
+    step()
     wet = np.asarray(mesh.faces_areas) * (1.0 if panels.wet is None else panels.wet)
     matrix = motions.T @ (wet[:, None] * pressure)
     return matrix, pressure

@@ -31,7 +31,7 @@ from rovtwin.vehicle.physics.model import Model
 if TYPE_CHECKING:
     from rovtwin.identification.result.identification import Identification
 
-_TOLD = ("findings", "seconds", "doubts", "version")  # fields that are words as they are
+_PLAIN = ("findings", "seconds", "doubts", "version")  # fields that are words as they are
 _SOLVED = ("converged", "steps", "cost", "stretches")  # of the solution
 _SOLVED_ARRAYS = ("information", "offset_std", "widening")
 _OF_EFFECTS = ("size", "covariance", "shift")
@@ -63,7 +63,7 @@ def packed(result: Identification) -> Packed:
     }
     arrays |= {f"model/{name}": np.asarray(leaf) for name, leaf in _leaves(result.parameters.model).items()}
     vehicle, meshes = _vehicle_packed(result.vehicle)
-    words = {key: getattr(result, key) for key in _TOLD} | {
+    words = {key: getattr(result, key) for key in _PLAIN} | {
         "vehicle": vehicle,
         "groups": {group: list(rows) for group, rows in result.parameters.groups.items()},
         "blind": [asdict(b) for b in result.blind],
@@ -104,7 +104,7 @@ def unpacked(held: Packed, where: str) -> dict[str, Any]:
     theta, covariance = a["theta"], a["covariance"]
     offsets = {name: np.array(value) for name, value in words["offsets"].items()}
     solved, learned = words["solution"], words.get("discrepancy")
-    return {key: words[key] for key in _TOLD} | {
+    return {key: words[key] for key in _PLAIN} | {
         "vehicle": vehicle,
         "parameters": Parameters(_model_unpacked(vehicle, a, where), free, groups),
         "prior": Gaussian(a["prior_theta"], a["prior_covariance"]),
@@ -177,9 +177,9 @@ def _vehicle_packed(vehicle: Vehicle) -> tuple[dict[str, Any], dict[str, np.ndar
     return about | {"data": data}, contents
 
 
-def _vehicle_unpacked(said: Mapping[str, Any], arrays: Mapping[str, np.ndarray], where: str) -> Vehicle:
+def _vehicle_unpacked(words: Mapping[str, Any], arrays: Mapping[str, np.ndarray], where: str) -> Vehicle:
     """The vehicle; its mesh files go to a folder of their own, since they are read from files."""
-    data = said["data"]
+    data = words["data"]
     meshes = {place.removeprefix("meshes/"): value for place, value in arrays.items() if place.startswith("meshes/")}
     if meshes:
         _folders.append(tempfile.TemporaryDirectory(prefix="rovtwin_"))
@@ -187,8 +187,8 @@ def _vehicle_unpacked(said: Mapping[str, Any], arrays: Mapping[str, np.ndarray],
         for name, content in meshes.items():
             (folder / name).write_bytes(content.tobytes())
         data = with_meshes(data, lambda name: str(folder / name))
-    vehicle = vehicle_from_dict(data, said["where"])
-    return Vehicle(vehicle.file, said["where"], said["water_density"], said["pairs_apart"])
+    vehicle = vehicle_from_dict(data, words["where"])
+    return Vehicle(vehicle.file, words["where"], words["water_density"], words["pairs_apart"])
 
 
 def _solution_packed(solution: Solution) -> dict[str, np.ndarray]:
@@ -242,17 +242,17 @@ def _prediction_packed(prediction: Prediction, place: str, arrays: dict[str, np.
     }
 
 
-def _prediction_unpacked(said: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Prediction:
+def _prediction_unpacked(words: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Prediction:
     def series(signal: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         t, measured, predicted = (arrays[f"{place}{signal}/{name}"] for name in _SERIES)
         return t, measured, predicted
 
     return Prediction(
-        said["record"],
-        said["window"],
-        {signal: series(signal) for signal in said["signals"]},
-        {component: Score(**score) for component, score in said["scores"].items()},
-        said["excited"],
+        words["record"],
+        words["window"],
+        {signal: series(signal) for signal in words["signals"]},
+        {component: Score(**score) for component, score in words["scores"].items()},
+        words["excited"],
     )
 
 
@@ -263,6 +263,6 @@ def _residuals_packed(residuals: Residuals, place: str, arrays: dict[str, np.nda
     return {name: value for name, value in held.items() if not isinstance(value, np.ndarray)}
 
 
-def _residuals_unpacked(said: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Residuals:
-    series: dict[str, Any] = {f.name: arrays[place + f.name] for f in fields(Residuals) if f.name not in said}
-    return Residuals(**said, **series)
+def _residuals_unpacked(words: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Residuals:
+    series: dict[str, Any] = {f.name: arrays[place + f.name] for f in fields(Residuals) if f.name not in words}
+    return Residuals(**words, **series)

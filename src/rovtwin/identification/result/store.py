@@ -129,17 +129,17 @@ def _require_file(path: Path) -> None:
 
 
 def _require_ours(path: Path, file: Dataset) -> None:
-    said = {name: file.getncattr(name) for name in file.ncattrs()}
-    if said.get("format") != FORMAT:
-        title = f" titled '{said['title']}'" if "title" in said else ""
+    attributes = {name: file.getncattr(name) for name in file.ncattrs()}
+    if attributes.get("format") != FORMAT:
+        title = f" titled '{attributes['title']}'" if "title" in attributes else ""
         raise IdentificationError(
             f"{path}: found a netCDF file{title} that is no identification, expected one that Identification.save or "
             "rovtwin identify wrote, such as identified.nc"
         )
-    if said.get("format_version") != VERSION:
+    if attributes.get("format_version") != VERSION:
         raise IdentificationError(
-            f"{path}: found version {said.get('format_version')} of the format, written by {said.get('source')}, "
-            f"expected version {VERSION}; read it with that rovtwin, or {_AGAIN}"
+            f"{path}: found version {attributes.get('format_version')} of the format, "
+            f"written by {attributes.get('source')}, expected version {VERSION}; read it with that rovtwin, or {_AGAIN}"
         )
 
 

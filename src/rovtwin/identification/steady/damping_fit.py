@@ -146,7 +146,7 @@ def fit_damping(
     for k, (side, name) in enumerate(zip(sides, names, strict=True)):
         pair = slice(2 * k, 2 * k + 2)
         t = float(stats.t.ppf(0.975, freedom)) if np.isfinite(scale) else np.inf
-        notes += _told_apart(free[pair], covariance[pair, pair], t, np.abs(v[side]), name)
+        notes += _distinguished(free[pair], covariance[pair, pair], t, np.abs(v[side]), name)
         notes += _on_bound(theta[pair], free[pair], name) if nonnegative else ()
     return DampingFit(
         theta,
@@ -223,7 +223,9 @@ def _noise(chi2: float, left: int, declared: bool) -> tuple[float, float, tuple[
     return 1.0, np.inf, ()
 
 
-def _told_apart(pair: np.ndarray, covariance: np.ndarray, t: float, speeds: np.ndarray, name: str) -> tuple[str, ...]:
+def _distinguished(
+    pair: np.ndarray, covariance: np.ndarray, t: float, speeds: np.ndarray, name: str
+) -> tuple[str, ...]:
     """Whether either term alone would do as well (within 95 %): then the data know only the sum of both."""
     std = np.sqrt(np.diag(covariance))
     idle = np.abs(pair) < t * std if np.all(np.isfinite(std)) else np.array([True, True])

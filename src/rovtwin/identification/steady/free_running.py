@@ -118,9 +118,9 @@ def free_running(
     notes = [note for history in histories for note in history.notes]
     runs: list[Run] = []
     for record, history in zip(records, histories, strict=True):
-        found, said = _runs(model, record, history, method, dofs, shortest, tolerance)
+        found, remarks = _runs(model, record, history, method, dofs, shortest, tolerance)
         runs += found
-        notes += said
+        notes += remarks
     if not runs:
         raise IdentificationError(
             f"{records[0].source}: no steady window of {shortest:g} s under thrust in any direction. Run longer at one "

@@ -96,7 +96,7 @@ class Track:
         """Start and end of each stretch in which something is said [s]."""
         return [(float(p.t[0]), float(p.t[-1])) for p in self.pieces]
 
-    def believed(self, t: np.ndarray) -> np.ndarray:
+    def trusted(self, t: np.ndarray) -> np.ndarray:
         """Which times lie outside of gaps, shape of t."""
         return np.any([p.holds(t) for p in self.pieces], axis=0)
 

@@ -115,8 +115,8 @@ def towing(
         if value is not None and not value > 0:
             raise IdentificationError(f"towing: {what} is {value:g}, expected more than 0")
     notes: list[str] = []
-    cutoff, said = sensible_cutoff(runs, cutoff, shortest)
-    notes += said
+    cutoff, remarks = sensible_cutoff(runs, cutoff, shortest)
+    notes += remarks
     filtered = [lowpass(run.t, run.force, cutoff, run.source) for run in runs]
     windows = [
         steady_windows(
@@ -129,8 +129,8 @@ def towing(
         )
         for run, force in zip(runs, filtered, strict=True)
     ]
-    tares, said = tares_of(runs, windows, tare)
-    notes += said
+    tares, remarks = tares_of(runs, windows, tare)
+    notes += remarks
     settled = 0.0 if across is None else WIDTHS * min(across)
     pulls = [
         _pull(run, window, offset, settled, shortest)
@@ -145,18 +145,18 @@ def towing(
             f"{runs[0].source}: no steady window of {shortest:g} s in any run. Tow longer at constant speed, or ask "
             "for shorter windows"
         )
-    sign, said = _sign(pulls)
-    notes += said
+    sign, remarks = _sign(pulls)
+    notes += remarks
     pulls = [replace(p, force=sign * p.force, tare=sign * p.tare) for p in pulls]
     width = None if across is None else min(across)
-    pulls, said = _long_enough(pulls, width)
-    notes += said
+    pulls, remarks = _long_enough(pulls, width)
+    notes += remarks
     pulls, fit = _fitted(pulls, rig, nonnegative)
     notes += [*fit.notes] if rig is not None else [*fit.notes, "drag of the rig was not given: it is in the damping"]
     if len(fit.coefficients) == 2 and len({p.speed > 0 for p in pulls if p.used}) == 2:
         notes.append(ONE_PAIR)
-    coefficient, said = _drag_coefficient(pulls, across, density)
-    notes += said
+    coefficient, remarks = _drag_coefficient(pulls, across, density)
+    notes += remarks
     turned = tuple(replace(run, force=sign * run.force) for run in runs)
     return Towing(
         turned, tuple(sign * f for f in filtered), cutoff, tuple(pulls), fit, width, coefficient, tuple(notes)
@@ -190,8 +190,8 @@ def _sign(pulls: list[Pull]) -> tuple[float, list[str]]:
     """1 where the force has the sign of the speed, -1 where it was logged as the water's on the vehicle."""
     clear = [p for p in pulls if abs(p.force) > 4 * p.std] or pulls
     along = {side: {bool(p.force * p.speed > 0) for p in clear if p.speed * side > 0} for side in (1, -1)}
-    said = along[1] | along[-1]
-    if said == {True, False}:
+    signs = along[1] | along[-1]
+    if signs == {True, False}:
         if len(along[1]) == len(along[-1]) == 1:
             raise IdentificationError(
                 "towing: the force has the same sign ahead and astern: the sign of the force or of the speed was lost. "
@@ -202,7 +202,7 @@ def _sign(pulls: list[Pull]) -> tuple[float, list[str]]:
             f"towing: runs differ in the sign of the force ({', '.join(dict.fromkeys(wrong)) or 'some'} against the "
             "others). Check the tare and the rig's direction in these runs"
         )
-    if said == {False}:
+    if signs == {False}:
         return -1.0, ["the force opposes the speed in the files: taken as the water's on the vehicle, sign turned"]
     return 1.0, []
 

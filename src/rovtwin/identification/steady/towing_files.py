@@ -57,11 +57,11 @@ def read_towing(paths: Sequence[str | Path]) -> list[TowRun]:
 def _read(path: Path) -> list[TowRun]:
     header, rows = _rows(path)
     columns, forces, run = _columns(path, header)
-    wanted = [columns["t"], columns["speed"], *forces]
+    needed = [columns["t"], columns["speed"], *forces]
     values, names = [], []
     for line, row in rows:
         try:
-            values.append([float(row[c]) for c in wanted])
+            values.append([float(row[c]) for c in needed])
             names.append(row[run].strip() if run is not None else path.stem)
         except (ValueError, IndexError):
             found = ",".join(row)

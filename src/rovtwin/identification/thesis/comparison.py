@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rovtwin.identification.thesis.decay import PLACES, corrected
-from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, said
+from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
 from rovtwin.identification.thesis.free_running import bent, bent_heave
 from rovtwin.identification.thesis.parts import quadratic_of_parts
 
@@ -51,7 +51,7 @@ def copies() -> list[Line]:
                     continue
                 times = f", {shown / first:.2f} times it" if first else ""
                 lines.append(Line(f"{axis}, {word} damping, {method}", UNITS[i > 2][k], "table 4.2", shown, first,
-                                  reason=said("other_table", source=source, times=times)))  # fmt: skip
+                                  reason=sentence("other_table", source=source, times=times)))  # fmt: skip
     return lines
 
 
@@ -60,7 +60,7 @@ def _largest_error(axis: str) -> Line:
     v = np.linspace(0.005, FASTEST[axis], 200)
     towed = force(printed("comparison")["table_4_2"][axis]["towing"], v)
     after = None if axis == "heave" else float(np.abs(bent(axis).drag(v) - towed).max())
-    why = said("largest_error_heave" if axis == "heave" else "largest_error", at=at, share=100 * share)
+    why = sentence("largest_error_heave" if axis == "heave" else "largest_error", at=at, share=100 * share)
     claimed = float(printed("comparison")["largest_error"])
     return Line(f"{axis}, largest error of free running", "N", "sec. 4.6.2", claimed, abs(gap), after, reason=why)
 
@@ -68,7 +68,7 @@ def _largest_error(axis: str) -> Line:
 def comparison_section() -> Section:
     """Tables 4.1 and 4.2, figure 4.10."""
     lines = (*copies(), *map(_largest_error, FASTEST))
-    remarks = (said("table_4_1"), said("towing"))
+    remarks = (sentence("table_4_1"), sentence("towing"))
     title = "Comparison of the methods (tables 4.1 and 4.2, figure 4.10)"
     return Section("comparison", title, lines, remarks, tuple(map(_panel, AXES)))
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from rovtwin.identification.decay.linear import from_rest, inertia_and_damping
 from rovtwin.identification.decay.motion import swing
-from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, said
+from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
 from rovtwin.identification.thesis.parts import quadratic_of_parts
 
 PLACES = {"roll": 3, "pitch": 4}
@@ -35,7 +35,7 @@ def _gravity(axis: str, c: float) -> str:
     one, panel = data[axis], data["panel_added"][axis]
     added, damping = as_printed(axis, data["gravity"])
     needed = c * (data["library_inertia"][axis] + panel) / (one["weight"] * data["gravity"])
-    return said("gravity", added=added, damping=damping, panel=panel, needed=needed)
+    return sentence("gravity", added=added, damping=damping, panel=panel, needed=needed)
 
 
 def _phase(axis: str) -> str:
@@ -43,7 +43,7 @@ def _phase(axis: str) -> str:
     half_b, omega = one["half_b"], one["omega"]
     c, b = from_rest(np.radians(one["angle_deg"]), half_b, omega)
     J, D = inertia_and_damping(half_b, omega, 1.0)
-    return said(
+    return sentence(
         "phase",
         phase=np.degrees(np.arctan2(half_b, omega)),
         inertia=100 * (J * c - 1),
@@ -62,7 +62,7 @@ def _lines(axis: str) -> list[Line]:
              reason=_gravity(axis, c)),
         Line(f"{axis}, linear damping", "N m s/rad", published["damping_where"], published["damping"], printed_damping,
              damping, reason=_phase(axis)),
-        Line(f"{axis}, stiffness over inertia", "1/s2", one["where"], None, ratio, c, reason=said("ratio")),
+        Line(f"{axis}, stiffness over inertia", "1/s2", one["where"], None, ratio, c, reason=sentence("ratio")),
     ]  # fmt: skip
 
 
@@ -85,5 +85,5 @@ def _panel(axis: str) -> Panel:
 def decay_section() -> Section:
     """(3.13) to (3.20)."""
     lines = tuple(line for axis in PLACES for line in _lines(axis))
-    remarks = (said("decay_rounding"), said("decay_inertia"), said("decay_forward"))
+    remarks = (sentence("decay_rounding"), sentence("decay_inertia"), sentence("decay_forward"))
     return Section("decay", "Decay: roll and pitch ((3.13) to (3.20))", lines, remarks, tuple(map(_panel, PLACES)))

@@ -4,7 +4,7 @@ import numpy as np
 
 from rovtwin.identification.priors.empirical import Published, against_thesis
 from rovtwin.identification.thesis.comparison import FASTEST, force
-from rovtwin.identification.thesis.found import Line, Section, printed, said
+from rovtwin.identification.thesis.found import Line, Section, printed, sentence
 
 WORDS = {"added_mass": "added mass", "quadratic_damping": "quadratic damping", "linear_damping": "linear damping"}
 UNITS = {
@@ -29,7 +29,7 @@ def empirical_section() -> Section:
         for one in against_thesis()
     )
     title = "Empirical method of Eidsvik ((3.3) to (3.5))"
-    remarks = (said("empirical_prior", **_towing_over_empirical()), said("empirical_panels"))
+    remarks = (sentence("empirical_prior", **_towing_over_empirical()), sentence("empirical_panels"))
     return Section("empirical", title, lines, remarks)
 
 
@@ -47,9 +47,9 @@ def _reason(one: Published) -> str:
     if one.follows:
         return ""
     if abs(one.computed / one.printed - 1) < 0.01:
-        return said("empirical_nearly")
+        return sentence("empirical_nearly")
     if one.quantity == "added_mass":
-        return said("empirical_added", printed=one.printed, computed=one.computed)
+        return sentence("empirical_added", printed=one.printed, computed=one.computed)
     if one.quantity == "linear_damping":
-        return said("empirical_linear")
-    return said("empirical_quadratic")
+        return sentence("empirical_linear")
+    return sentence("empirical_quadratic")

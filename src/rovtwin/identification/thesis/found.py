@@ -81,7 +81,7 @@ def printed(name: str) -> dict[str, Any]:
     return parse_yaml(text, f"{name}.yaml")
 
 
-def said(key: str, **values: Any) -> str:
+def sentence(key: str, **values: Any) -> str:
     """A reason of reasons.yaml with what was computed filled in."""
     return str(printed("reasons")[key]).format(**values)
 

@@ -9,7 +9,7 @@ from rovtwin.identification.steady.damping_fit import DampingFit, fit_damping
 from rovtwin.identification.steady.nsga import is_on_bound
 from rovtwin.identification.steady.thrust import shape
 from rovtwin.identification.steady.thrust_damping import JointFit, ThrustPrior, fit_thrust_and_damping
-from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, half_digit, printed, said
+from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, half_digit, printed, sentence
 from rovtwin.identification.thesis.parts import linear_of_parts
 
 SHARE_KNOWN = 0.02  # a bollard pull: width of the full thrust
@@ -103,7 +103,9 @@ def _pair(name: str, corrected: np.ndarray, sd: np.ndarray, reasons: Sequence[st
 def _heave_reasons() -> tuple[str, str]:
     (low, high), (_, quadratic) = rounding("heave"), as_printed("heave")
     drag = quadratic / (500.0 * printed("comparison")["geometry"]["areas"][2])
-    return said("heave_linear", low=low[0], high=high[0]), said("heave_quadratic", low=low[1], high=high[1], drag=drag)
+    return sentence("heave_linear", low=low[0], high=high[0]), sentence(
+        "heave_quadratic", low=low[1], high=high[1], drag=drag
+    )
 
 
 def damping_section() -> Section:
@@ -113,16 +115,19 @@ def damping_section() -> Section:
     low, high = rounding("surge")
     _, force, speed = rows("sway")
     reasons = {
-        "surge": [said(f"surge_{w}", low=low[i], high=high[i]) for i, w in enumerate(("linear", "quadratic"))],
-        "sway": [said("sway_linear", low=(force / speed).min(), high=(force / speed).max()), said("sway_quadratic")],
-        "yaw": [said("yaw_linear"), said("yaw_quadratic")],
+        "surge": [sentence(f"surge_{w}", low=low[i], high=high[i]) for i, w in enumerate(("linear", "quadratic"))],
+        "sway": [
+            sentence("sway_linear", low=(force / speed).min(), high=(force / speed).max()),
+            sentence("sway_quadratic"),
+        ],
+        "yaw": [sentence("yaw_linear"), sentence("yaw_quadratic")],
     }
     pairs = {name: _pair(name, fit.damping, fit.sd[:2], reasons[name]) for name, fit in fits.items()}
     pairs["heave"] = _pair("heave", heave.coefficients, heave_sd, _heave_reasons())
     order = ("surge", "sway", "heave", "yaw")
     linear, quadratic = yaw_of_library()
     library = Line("yaw, quadratic damping, library", UNITS[True][1], "table 3.6", None, None, quadratic, None,
-                   said("yaw_library", linear=linear))  # fmt: skip
+                   sentence("yaw_library", linear=linear))  # fmt: skip
     lines = (*(line for name in order for line in pairs[name]), library)
     panels = tuple(_panel(name, fits.get(name, heave)) for name in order)
     return Section("free_running", "Free running: damping (tables 3.3 to 3.6)", lines, _remarks(fits), panels)
@@ -132,7 +137,7 @@ def _remarks(fits: dict[str, JointFit]) -> tuple[str, ...]:
     command, _, speed = rows("surge")
     fit, drag, most = fits["surge"], towed("surge", speed), full("surge").value
     _, force, sway_speed = rows("sway")
-    surge = said(
+    surge = sentence(
         "surge_towing",
         linear=rms(most * command - drag),
         bent=rms(most * command**1.75 - drag),
@@ -141,12 +146,12 @@ def _remarks(fits: dict[str, JointFit]) -> tuple[str, ...]:
         thrust=rms(fit.force(command) - drag),
         drag=rms(fit.drag(speed) - drag),
     )
-    sway = said(
+    sway = sentence(
         "sway_towing",
         before=rms(force - towed("sway", sway_speed)),
         after=rms(fits["sway"].drag(sway_speed) - towed("sway", sway_speed)),
     )
-    return surge, sway, said("widths")
+    return surge, sway, sentence("widths")
 
 
 def _panel(name: str, fit: JointFit | DampingFit) -> Panel:
@@ -178,11 +183,11 @@ def added_mass_section() -> Section:
     needed = damping["linear"] * speed + damping["quadratic"] * speed**2
     reached = float(np.roots([damping["quadratic"], damping["linear"], -low]).max())
     place = "on the bound" if is_on_bound(heave["thrust"], low, high) else "within the bounds"
-    why = said("heave_thrust", place=place, low=low, high=high, speed=speed, needed=needed, reached=reached)
+    why = sentence("heave_thrust", place=place, low=low, high=high, speed=speed, needed=needed, reached=reached)
     lines = (
         Line("heave, thrust of the search", "N", heave["where"], heave["thrust"], needed, reason=why),
-        Line("heave, added mass", "kg", heave["where"], heave["added_mass"], reason=said("heave_added")),
+        Line("heave, added mass", "kg", heave["where"], heave["added_mass"], reason=sentence("heave_added")),
         Line("yaw, added inertia", "kg m2", yaw["where"], yaw["added_mass"], yaw["total"] - yaw["inertia"],
-             reason=said("yaw_added")),
+             reason=sentence("yaw_added")),
     )  # fmt: skip
     return Section("added_mass", "Free running: added mass by NSGA-II ((3.11), (3.12), (3.23))", lines)

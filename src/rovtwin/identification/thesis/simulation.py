@@ -6,7 +6,7 @@ import numpy as np
 
 from rovtwin.identification.steady.damping_fit import fit_damping
 from rovtwin.identification.steady.nsga import OneDirection, fit_nsga, simulate
-from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, said
+from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
 
 RATE, GENERATIONS = 15.0, 30  # of the camera [Hz]; enough for one parameter
 SEARCHED = ("surge, total mass of the search", "kg", "(8.2)")
@@ -43,13 +43,13 @@ def _searched() -> Line:
     truth, search = data["predefined"], data["search"]
     total = search["mass"] + truth["added_mass"]
     if find_spec("pymoo") is None:
-        return Line(*SEARCHED, search["total"], None, total, reason=said("no_search"))
+        return Line(*SEARCHED, search["total"], None, total, reason=sentence("no_search"))
     force, _, ground = speeds()
     behind = fit_damping(ground, force).coefficients
     stated, bound = searched_total(truth["linear"], truth["quadratic"])
     slower, _ = searched_total(*behind)
     held = search["force"] / search["linear"]
-    why = said(
+    why = sentence(
         "searched",
         stated=stated,
         bound=" (added mass on its bound of 0)" if bound else "",
@@ -68,17 +68,17 @@ def simulation_section() -> Section:
     free = fit_damping(aruco, force, nonnegative=False).coefficients[1]
     steady = terminal(force, truth["linear"], truth["quadratic"])
     short = 100 * (1 - ground / steady)
-    told = ", ".join(f"{v:.4f}" for v in steady)
+    steady_speeds = ", ".join(f"{v:.4f}" for v in steady)
     linear, quadratic = ("N s/m", float(truth["linear"])), ("N s2/m2", float(truth["quadratic"]))
     lines = (
         Line("surge, linear damping, ArUco", linear[0], "table 8.2", estimated["linear"], camera[0], linear[1],
-             reason=said("aruco_linear")),
+             reason=sentence("aruco_linear")),
         Line("surge, quadratic damping, ArUco", quadratic[0], "table 8.2", estimated["quadratic"], camera[1],
-             quadratic[1], reason=said("aruco_quadratic", free=free)),
+             quadratic[1], reason=sentence("aruco_quadratic", free=free)),
         Line("surge, linear damping, ground truth", linear[0], "table 8.1", linear[1], behind[0], linear[1],
-             reason=said("ground_linear", low=short.min(), high=short.max(), speeds=told)),
+             reason=sentence("ground_linear", low=short.min(), high=short.max(), speeds=steady_speeds)),
         Line("surge, quadratic damping, ground truth", quadratic[0], "table 8.1", quadratic[1], behind[1], quadratic[1],
-             reason=said("ground_quadratic")),
+             reason=sentence("ground_quadratic")),
         _searched(),
     )  # fmt: skip
     v = np.linspace(0, 0.33, 60)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.datum import METADATA_KEY, said
+from rovtwin.core.datum import METADATA_KEY, coordinates_text
 from rovtwin.core.log import Series
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.tables import Table, text
@@ -54,7 +54,7 @@ def mission_table(flight: Flight) -> Table | None:
         places = np.array([[w["x"], w["y"], w.get("z") or 0.0] for w in flight.waypoints], dtype=float)
         degrees = np.stack(datum.geodetic(places)[:2], axis=1)
         rows = [[*row, *(f"{one:.7f}" for one in pair)] for row, pair in zip(rows, degrees, strict=True)]
-        note = f"North and east from {said(datum.latitude, datum.longitude)}, WGS 84."
+        note = f"North and east from {coordinates_text(datum.latitude, datum.longitude)}, WGS 84."
     return Table("Mission", head, rows, note) if rows else None
 
 

@@ -123,7 +123,7 @@ def write_tuning_report(result: TuningResult, folder: Path) -> Path:
 def _terms(result: TuningResult) -> Table:
     rows = [
         [
-            f"{one['said']} [{one['unit']}]",
+            f"{one['description']} [{one['unit']}]",
             f"{100 * one['weight']:.0f} %",
             f"{one['before']:.3g}",
             f"{one['after']:.3g}",

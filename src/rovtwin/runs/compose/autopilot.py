@@ -128,14 +128,14 @@ def navigation_filter(section: ModelBasedSection, model: Model, sensors: dict[st
 
 def _biases(sensors: dict[str, Sensor]) -> dict[str, float]:
     """What the filter is told of the biases of inertial sensors that are worse than table 5.7's."""
-    told: dict[str, float] = {}
+    biases: dict[str, float] = {}
     for sensor in sensors.values():
         if sensor.kind in LEAST_BIAS:
             least, slowest = LEAST_BIAS[sensor.kind]
             bias, walk = (float(np.max(np.abs(np.asarray(value)))) for value in (sensor.bias, sensor.bias_walk))
             of_kind = {f"{sensor.kind}_bias": max(bias, least), f"{sensor.kind}_bias_walk": max(walk, slowest)}
-            told |= {key: max(value, told.get(key, 0.0)) for key, value in of_kind.items()}
-    return told
+            biases |= {key: max(value, biases.get(key, 0.0)) for key, value in of_kind.items()}
+    return biases
 
 
 def _thesis(

@@ -144,13 +144,13 @@ def _steps(section: StepsSection, dt: float) -> list[Piece]:
     return pieces
 
 
-def _pull(section: StepsSection | DoubletsSection, axis: str, values: np.ndarray, said: str = "") -> Piece:
+def _pull(section: StepsSection | DoubletsSection, axis: str, values: np.ndarray, detail: str = "") -> Piece:
     """One axis is told values; the others are held as the section says."""
     share = np.zeros((len(values), 6))
     share[:, AXES.index(axis)] = values
     hold = _held(section)
     hold[AXES.index(axis)] = 0.0
-    return Piece(share, hold, phase=GO, what=f"{section.manoeuvre} {axis}{said}")
+    return Piece(share, hold, phase=GO, what=f"{section.manoeuvre} {axis}{detail}")
 
 
 def _multisine(section: MultisineSection, dt: float) -> Piece:

@@ -59,11 +59,11 @@ def fitted_test(scenario: Scenario, vehicle: Vehicle | None = None) -> Scenario:
             left.append(_timed(without, ratios))
     if not left:
         raise ConfigError(
-            f"{scenario.name}: nothing of this test is left for {own.name}: {'; '.join(_said(missing))}. "
+            f"{scenario.name}: nothing of this test is left for {own.name}: {'; '.join(_in_words(missing))}. "
             "`rovtwin plan-tests` lays out a test of what it can do"
         )
     cameras = _cameras(scenario, own, missing)
-    notes = [*_said(missing), _times_said(ratios, own, written)]
+    notes = [*_in_words(missing), _times_note(ratios, own, written)]
     changed = TrialSection(name=test.name, description=test.description, manoeuvres=left, notes=notes)
     start = _deeper(scenario, scales.length / reference.length)
     whole = scenario.model_copy(update={"test": changed, "start": start, "cameras": cameras})
@@ -156,11 +156,11 @@ def _timed(data: dict[str, Any], ratios: _Ratios) -> dict[str, Any]:
     return data
 
 
-def _said(missing: dict[str, str]) -> list[str]:
+def _in_words(missing: dict[str, str]) -> list[str]:
     return [f"{what} is left out: {why}" for what, why in missing.items()]
 
 
-def _times_said(ratios: _Ratios, own: Vehicle, written: Vehicle) -> str:
+def _times_note(ratios: _Ratios, own: Vehicle, written: Vehicle) -> str:
     low, high = float(ratios.rise.min()), float(ratios.rise.max())
     return (
         f"written for {written.name}: pulls of {own.name} take {low:.2g} to {high:.2g} times as long, "

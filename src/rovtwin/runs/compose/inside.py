@@ -27,7 +27,7 @@ def require_inside(scenario: Scenario, model: Model) -> None:
     level = corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     for where, room in _beyond(scenario, start + level):
         raise ConfigError(
-            f"start.position: found {_said(start)}, where the hull reaches {room:.2g} m beyond the {where}. "
+            f"start.position: found {_in_words(start)}, where the hull reaches {room:.2g} m beyond the {where}. "
             "Start further inside, or give it a larger tank"
         )
     for i, what in unreachable(scenario, model):
@@ -45,7 +45,9 @@ def unreachable(scenario: Scenario, model: Model) -> Iterator[tuple[int, str]]:
         place = np.asarray(waypoint.placed(scenario.origin), dtype=float)
         for where, room in _beyond(scenario, np.stack([place - narrow, place + narrow, place + bottom]))[:1]:
             if room > waypoint.acceptance:
-                what = f"found {_said(place)}, where the hull would reach {room:.2g} m beyond the {where}, more than"
+                what = (
+                    f"found {_in_words(place)}, where the hull would reach {room:.2g} m beyond the {where}, more than"
+                )
                 yield i, f"{what} the acceptance radius of {waypoint.acceptance:g} m: it can never be reached"
 
 
@@ -65,5 +67,5 @@ def _beyond(scenario: Scenario, points: np.ndarray) -> list[tuple[str, float]]:
     return sorted((entry for entry in found if entry[1] > 1e-9), key=lambda entry: -entry[1])
 
 
-def _said(place: np.ndarray) -> str:
+def _in_words(place: np.ndarray) -> str:
     return "[" + ", ".join(f"{x:g}" for x in place) + "] m"

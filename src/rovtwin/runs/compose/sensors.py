@@ -204,6 +204,6 @@ def listed(scenario: Scenario, vehicle: Vehicle) -> list[str]:
         noise = ", ".join(f"{x:.3g}" for x in sorted(set(np.asarray(sensor.noise).tolist())))
         unit = SENSORS[sensor.kind].units[0]
         silent = sensor.kind == "battery" and scenario.battery is None
-        told = "silent: no battery is simulated, set battery to true" if silent else f"noise {noise} {unit}"
-        lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, {told}")
+        figures = "silent: no battery is simulated, set battery to true" if silent else f"noise {noise} {unit}"
+        lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, {figures}")
     return lines

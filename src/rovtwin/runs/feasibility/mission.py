@@ -406,14 +406,14 @@ def _tilted(
     limit = scenario.autopilot.supervisor.attitude_limit_deg.limit or math.degrees(RULES["attitude limit"].limit)
     angles = np.degrees(tilts(model, flow, dive, fixes_std))
     most = 0.5 * limit if dive is None else min(TILTED, 0.5 * limit)
-    said = [f"{name} by up to {angle:.0f} deg" for name, angle in zip(("roll", "pitch"), angles, strict=True)
+    angles_text = [f"{name} by up to {angle:.0f} deg" for name, angle in zip(("roll", "pitch"), angles, strict=True)
             if angle > most]  # fmt: skip
-    if said:
+    if angles_text:
         fast = VehicleScales.of(model).dive_speed if dive is None else dive
         water = f" in a current of {np.hypot(*flow):.2g} m/s" if np.hypot(*flow) > SOME else ""
         yield Finding(
-            f"the dive to {deepest.name}: at {fast:.2g} m/s{water} it is expected to {' and '.join(said)} as it begins "
-            f"(Munk's moment; attitude limit {limit:.0f} deg)",
+            f"the dive to {deepest.name}: at {fast:.2g} m/s{water} it is expected to {' and '.join(angles_text)} "
+            f"as it begins (Munk's moment; attitude limit {limit:.0f} deg)",
             "dive slower (autopilot.control.dive_speed), raise BG, or give it thrust in roll and pitch", False,
         )  # fmt: skip
 

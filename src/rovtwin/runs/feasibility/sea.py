@@ -20,7 +20,7 @@ WORST_FIRST = ("capsizes", "drifts", "turns", "swept", "holds")
 SIDES = {"ahead": 0.0, "off the bow": 0.25 * math.pi, "abeam": 0.5 * math.pi, "astern": math.pi}
 FORCES = slice(0, 3)
 NOSE, ABEAM = math.cos(math.radians(15.0)), math.cos(math.radians(75.0))  # shares of a flow that have a name
-HEAVE_SAID = 0.05  # rms of heave from which the line names it [N]
+HEAVE_REPORTED = 0.05  # rms of heave from which the line names it [N]
 
 
 def moves(scenario: Scenario) -> bool:
@@ -94,26 +94,26 @@ def verdict_line(found: list[Holding]) -> str:
     where += "" if h.asked else " (that of the start, since nothing asks for one)"
     still = _still(h)
     if h.verdict == "capsizes":
-        said = _tips(h)
+        text = _tips(h)
     elif h.verdict == "turns":
         other, turned = math.degrees(h.other) % 360, "its side to" if h.side else "the bow into"
-        said = _tips(h) if h.tips else _cannot(h)
-        said += (
+        text = _tips(h) if h.tips else _cannot(h)
+        text += (
             f"; holds its place with {turned} the current, heading {other:.0f} deg, with {100 * h.share_other:.0f} % "
             "of its thrust"
         )
     elif h.verdict == "drifts":
-        said = _cannot(h)
+        text = _cannot(h)
         if h.drift > 0:
-            said += f"; carried off at about {h.drift:.2g} m/s in a flow of {flow:.2g} m/s"
+            text += f"; carried off at about {h.drift:.2g} m/s in a flow of {flow:.2g} m/s"
     elif h.verdict == "swept":
-        said = (
+        text = (
             f"holds on average, swept by the waves +-{h.sweep[0]:.2g} m to the sides and +-{h.sweep[1]:.2g} m up and "
             f"down (rms); {still}"
         )
     else:
-        said = f"holds: {still}"
-    return f"{where}: {said}"
+        text = f"holds: {still}"
+    return f"{where}: {text}"
 
 
 def _tips(h: Holding) -> str:
@@ -127,23 +127,23 @@ def _tips(h: Holding) -> str:
 def _cannot(h: Holding) -> str:
     """What holding place and heading takes on average, and that it is not there."""
     force, axes = h.mean_required[FORCES], ("surge", "sway", "heave")
-    said = f"cannot hold: takes {float(np.linalg.norm(force)):.3g} N on average"
+    text = f"cannot hold: takes {float(np.linalg.norm(force)):.3g} N on average"
     if math.isfinite(h.mean_share):
-        return f"{said}, {h.mean_share:.2g} times what thrusters can"
+        return f"{text}, {h.mean_share:.2g} times what thrusters can"
     pushed = force[:2] if h.available_heave > 0.0 else force  # what thrusters can give is not what is missing
     largest = int(np.argmax(np.abs(pushed)))
-    return f"{said}, {abs(force[largest]):.3g} N of it in {axes[largest]}, which thrusters cannot give at this heading"
+    return f"{text}, {abs(force[largest]):.3g} N of it in {axes[largest]}, which thrusters cannot give at this heading"
 
 
 def _still(h: Holding) -> str:
     """Required and available force, heave too where it counts."""
     horizontal, heave = rms(h.horizontal), rms(h.required[:, 2])
-    said = f"to keep still takes {horizontal:.3g} N rms, {np.percentile(h.horizontal, 99.9):.3g} N at times, of "
-    said += f"{h.available:.3g} N"
-    return said + (f"; heave {heave:.3g} N rms of {h.available_heave:.3g} N" if heave >= HEAVE_SAID else "")
+    text = f"to keep still takes {horizontal:.3g} N rms, {np.percentile(h.horizontal, 99.9):.3g} N at times, of "
+    text += f"{h.available:.3g} N"
+    return text + (f"; heave {heave:.3g} N rms of {h.available_heave:.3g} N" if heave >= HEAVE_REPORTED else "")
 
 
-def _said(composed: Simulation, found: list[Holding]) -> str:
+def _sentence(composed: Simulation, found: list[Holding]) -> str:
     """The verdict as a sentence, with what it leaves out of this scenario."""
     return verdict_line(found) + (" (without the tethers' pull)" if composed.loop.twin.tethers else "")
 
@@ -151,7 +151,7 @@ def _said(composed: Simulation, found: list[Holding]) -> str:
 def verdict(composed: Simulation) -> tuple[str, str]:
     """The worst verdict, and the line about it."""
     found = holdings(composed)
-    return worst(found).verdict, _said(composed, found)
+    return worst(found).verdict, _sentence(composed, found)
 
 
 def sea_report(composed: Simulation) -> dict[str, Any]:
@@ -165,7 +165,7 @@ def sea_report(composed: Simulation) -> dict[str, Any]:
         "vehicle": composed.vehicle.name,
         "waves": section.model_dump(exclude_none=True) if section else None,
         "verdict": worst(found).verdict,
-        "line": _said(composed, found),
+        "line": _sentence(composed, found),
         "places": [as_data(h) for h in found],
         "stems_m_s": dict(zip(SIDES, stems.tolist(), strict=True)),
         "thrust_stems_m_s": dict(zip(SIDES, thrust.tolist(), strict=True)),
@@ -190,7 +190,7 @@ def _in_real_sea(composed: Simulation, section: ThesisWavesSection) -> dict[str,
     except ConfigError as error:
         return {"verdict": None, "line": f"no such sea: {error}", "places": []}
     found = holdings(composed, replace(composed.loop.twin.world, waves=sea))
-    return {"verdict": worst(found).verdict, "line": _said(composed, found), "places": [as_data(h) for h in found]}
+    return {"verdict": worst(found).verdict, "line": _sentence(composed, found), "places": [as_data(h) for h in found]}
 
 
 def real_sea(section: ThesisWavesSection) -> AirySection:

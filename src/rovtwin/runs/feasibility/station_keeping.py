@@ -275,16 +275,16 @@ def thrust_share(thrusters: Thrusters, tau: np.ndarray) -> np.ndarray:
     Forces and yaw moment only, shared out as well as can be; inf where thrusters cannot push that way at all.
     """
     T = (np.asarray(thrusters.configuration) * np.asarray(thrusters.health))[HELD]
-    wanted = np.asarray(tau)[:, HELD]
-    met = wanted @ (T @ np.linalg.pinv(T, rcond=RANK_TOLERANCE)).T
+    required = np.asarray(tau)[:, HELD]
+    met = required @ (T @ np.linalg.pinv(T, rcond=RANK_TOLERANCE)).T
     low, high = (np.asarray(limit) for limit in force_limits(_sound(thrusters)))
-    unmet = _beyond(wanted, met, slice(0, 3)) | _beyond(wanted, met, slice(3, 4))
+    unmet = _beyond(required, met, slice(0, 3)) | _beyond(required, met, slice(3, 4))
     return np.where(unmet, np.inf, share_of_limits(T, low, high, met))
 
 
-def _beyond(wanted: np.ndarray, met: np.ndarray, part: slice) -> np.ndarray:
+def _beyond(required: np.ndarray, met: np.ndarray, part: slice) -> np.ndarray:
     """Whether more than 1 % of the forces, or of the moment, is missing, shape (n,)."""
-    missing, whole = (np.abs(x[:, part]).max(axis=1) for x in (wanted - met, wanted))
+    missing, whole = (np.abs(x[:, part]).max(axis=1) for x in (required - met, required))
     return missing > 0.01 * whole + NOTHING
 
 

@@ -146,8 +146,8 @@ def autopilot_samples(record: Record) -> dict[str, np.ndarray]:
     estimate, setpoint = out.estimate, out.setpoint
     variance = np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2)
     mode = (setpoint.phase, setpoint.reason, setpoint.waypoint, setpoint.on_leg)
-    said = setpoint.progress
-    progress = (said.state, said.misses, said.possible, said.current[:, 0], said.current[:, 1])
+    stage = setpoint.progress
+    progress = (stage.state, stage.misses, stage.possible, stage.current[:, 0], stage.current[:, 1])
     return {
         "autopilot/eta": np.asarray(estimate.eta),
         "autopilot/nu": np.asarray(estimate.nu),

@@ -62,8 +62,8 @@ def _datasheet(sensor: Sensor, part: str) -> dict[str, Any]:
 
     Of one whose errors last the noise is white noise that tells as little: estimators take residuals as independent.
     """
-    told = {"noise": sensor.noise, "lever": sensor.lever, "rotation": sensor.rotation}
-    return {"part": part} | {name: np.asarray(value).tolist() for name, value in told.items()}
+    figures = {"noise": sensor.noise, "lever": sensor.lever, "rotation": sensor.rotation}
+    return {"part": part} | {name: np.asarray(value).tolist() for name, value in figures.items()}
 
 
 def scenario_to_replay(scenario: Scenario, composed: Simulation, folder: Path | None = None) -> Scenario:

@@ -60,8 +60,8 @@ def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
     rest = force - outside.mean(axis=0)
     if float(np.hypot(*rest)) < 2.0 * _standard_error(outside):
         return True
-    believed = _turned(flown, rows).T @ _drag_of(rest, flown, rows, model)
-    return float(np.hypot(*(water - believed))) < max(OTHERWISE * float(np.hypot(*current)), FELT)
+    estimated = _turned(flown, rows).T @ _drag_of(rest, flown, rows, model)
+    return float(np.hypot(*(water - estimated))) < max(OTHERWISE * float(np.hypot(*current)), FELT)
 
 
 def _standard_error(force: np.ndarray) -> float:

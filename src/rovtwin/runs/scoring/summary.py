@@ -77,11 +77,11 @@ def not_finished(flown: Flown, composed: Simulation) -> str:
 
 def altitude_error(flown: Flown, scenario: Scenario) -> float | None:
     """Rms of altitude less the wanted one [m], on legs and holds whose way-point has one; None where none has."""
-    wanted = np.array([w.altitude or 0.0 for w in scenario.waypoints])
+    desired = np.array([w.altitude or 0.0 for w in scenario.waypoints])
     floor = scenario.world.floor
-    if floor is None or not wanted.any():
+    if floor is None or not desired.any():
         return None
-    asked = wanted[np.clip(flown.mode[:, 2].astype(int), 0, len(wanted) - 1)]
+    asked = desired[np.clip(flown.mode[:, 2].astype(int), 0, len(desired) - 1)]
     follows = np.isin(flown.mode[:, 0], (GO, HOLD)) & (asked > 0.0)
     if not follows.any():
         return None

@@ -60,9 +60,11 @@ class FaultSection(Strict):
             raise ValueError(f"found {' and '.join(named)}, expected one of them; write two faults")
         of = named[0] if named else ""
         if self.fault not in _OF[of]:
-            (wanted,) = (key for key, kinds in _OF.items() if self.fault in kinds)
-            can = f"a {of} can be {', '.join(_OF[of])}" if of else f"say of which {wanted}"
-            raise ValueError(f"fault {self.fault!r} is of {f'a {wanted}' if wanted else 'the vehicle itself'}; {can}")
+            (required,) = (key for key, kinds in _OF.items() if self.fault in kinds)
+            can = f"a {of} can be {', '.join(_OF[of])}" if of else f"say of which {required}"
+            raise ValueError(
+                f"fault {self.fault!r} is of {f'a {required}' if required else 'the vehicle itself'}; {can}"
+            )
         for key, kind in _KEYS.items():
             if getattr(self, key) not in (None, []) and self.fault != kind:
                 raise ValueError(f"found {key}, which belongs to fault {kind!r}, not to {self.fault!r}")

@@ -22,7 +22,7 @@ class RequestSection(Strict):
     turn_rate_deg: Number = Field(default=0.0, description="of pilot: clockwise [deg/s]")
 
     @model_validator(mode="after")
-    def _only_a_pilot_wishes(self) -> "RequestSection":
+    def _only_a_pilot_commands(self) -> "RequestSection":
         if self.ask != "pilot" and (any(self.velocity) or self.turn_rate_deg):
             raise ValueError(f"found a velocity with ask: {self.ask}, expected it with ask: pilot only")
         return self

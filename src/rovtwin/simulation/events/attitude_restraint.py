@@ -26,11 +26,11 @@ class AttitudeRestraint(eqx.Module):
     def wrench(self, model: Model, state: State, t: Array | float) -> Array:
         """Wrench of the hand at time t [s], b at CO [N, N m], shape (6,)."""
         holding = (self.spans[:, 0] <= t) & (t < self.spans[:, 1])
-        wanted = jnp.sum(jnp.where(holding[:, None, None], self.R_nb, 0.0), axis=0)
+        desired = jnp.sum(jnp.where(holding[:, None, None], self.R_nb, 0.0), axis=0)
         # Rotation from the wanted attitude: the skew part of R_wanted' R, exact in direction.
-        R = wanted.T @ rotation_from_quaternion(state.attitude)
+        R = desired.T @ rotation_from_quaternion(state.attitude)
         turned = 0.5 * jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
         w = self.frequency
         pull = -(w**2) * jnp.concatenate([jnp.zeros(3), turned]) - 2.0 * w * state.nu
-        carried = restoring_wrench(model, wanted[2]) * jnp.asarray([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        carried = restoring_wrench(model, desired[2]) * jnp.asarray([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
         return jnp.where(jnp.any(holding), jnp.diagonal(model.mass) * pull + carried, 0.0)

@@ -43,26 +43,26 @@ class Topside(eqx.Module):
         """From lists; of two requests in one control tick the later one counts, and ABORT before all others."""
         order = sorted(range(len(requests)), key=lambda i: (requests[i][1] == ABORT, requests[i][0]))
         ordered = [requests[i] for i in order]
-        wishes = [(0.0, 0.0, 0.0, 0.0) if pilot is None else pilot[i] for i in order]
+        commands = [(0.0, 0.0, 0.0, 0.0) if pilot is None else pilot[i] for i in order]
         return cls(
             link=as_array(np.reshape(link, (-1, 2))),
             operator=as_array(np.reshape(operator, (-1, 2))),
             late=as_array(np.reshape(late, (-1, 2))),
             times=as_array([t for t, _ in ordered]),
             requests=jnp.asarray([r for _, r in ordered], dtype=int),
-            pilot=as_array(np.reshape(wishes, (-1, 4))),
+            pilot=as_array(np.reshape(commands, (-1, 4))),
         )
 
     def at(self, t: Array, dt: float) -> tuple[Host, Array, Array]:
         """What the host knows at time t [s], the request of a tick of dt seconds, int, and the pilot's wish, (4,)."""
         host = Host(_age(self.link, t), _age(self.operator, t), jnp.where(_age(self.late, t) > 0.0, LATE, 0.0))
         now = jnp.round(self.times / dt) == jnp.round(t / dt)
-        request, wish = jnp.asarray(NO_REQUEST), jnp.zeros(4)
+        request, command = jnp.asarray(NO_REQUEST), jnp.zeros(4)
         for i in range(self.times.shape[0]):
             request = jnp.where(now[i], self.requests[i], request)
-            wished = (self.requests[i] == PILOT) & (jnp.round(self.times[i] / dt) <= jnp.round(t / dt))
-            wish = jnp.where(wished, self.pilot[i], wish)
-        return host, request, wish
+            piloted = (self.requests[i] == PILOT) & (jnp.round(self.times[i] / dt) <= jnp.round(t / dt))
+            command = jnp.where(piloted, self.pilot[i], command)
+        return host, request, command
 
 
 def _age(spans: Array, t: Array) -> Array:

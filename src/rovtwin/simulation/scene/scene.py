@@ -55,8 +55,8 @@ class Scene:
         try:
             return Layout(dictionary=given.dictionary, markers=markers)
         except ValidationError as error:
-            said = str(error.errors()[0].get("ctx", {}).get("error", error.errors()[0]["msg"]))
-            raise ConfigError(f"{self.where}: markers: {said}") from None
+            message = str(error.errors()[0].get("ctx", {}).get("error", error.errors()[0]["msg"]))
+            raise ConfigError(f"{self.where}: markers: {message}") from None
 
     def with_water(self, **changed: Any) -> "Scene":
         """The same scene in other water: `type`, `absorption`, `scattering`, `beam_attenuation` as in a file."""

@@ -222,8 +222,8 @@ class Tether(Block):
         if self.slack is None:
             return self.length
         chord = place - self.anchor
-        wanted = self.slack * jnp.sqrt(jnp.sum(chord * chord) + 1e-12)
-        return jnp.minimum(jnp.maximum(wanted, SHORTEST), self.length)
+        desired = self.slack * jnp.sqrt(jnp.sum(chord * chord) + 1e-12)
+        return jnp.minimum(jnp.maximum(desired, SHORTEST), self.length)
 
     def _tent(self, place: Array, length: Array, water: Array) -> Array:
         """Two straight halves of the right length, bent to where weight and current would bend them."""

@@ -90,15 +90,15 @@ class Overlap:
 
     def line(self) -> str:
         """In words."""
-        said = (
+        text = (
             f"'{self.smaller}' and '{self.larger}' overlap: {100 * self.share:.0f} % of '{self.smaller}', "
             f"{1000 * self.depth:.0f} mm deep; counted twice there: {self.twice}. "
         )
         if self.moved is None:
-            return said + "Where one replaces a piece of the other, make that smaller"
+            return text + "Where one replaces a piece of the other, make that smaller"
         (x, y, z), length = self.place, float(np.abs(self.way).sum())
         word = next(name for name, way in _WAYS if np.dot(way, self.way) > 0.5 * length)
-        return said + f"'{self.moved}' is free {1000 * length:.0f} mm further {word}, at {x:g},{y:g},{z:g}"
+        return text + f"'{self.moved}' is free {1000 * length:.0f} mm further {word}, at {x:g},{y:g},{z:g}"
 
 
 def pieces(body: Body, name: str, placement: Placement = HERE, within: tuple[Body, ...] = ()) -> Iterator[Piece]:
@@ -123,8 +123,8 @@ def overlaps(file: Body, name: str) -> list[Overlap]:
         if np.linalg.norm(small.placement.position - large.placement.position) > small.reach + large.reach:
             continue
         share = float(np.mean(_inside(_points(small, _CELLS), [large])))
-        said = share > WORTH_SAYING and not (share <= 0.5 and _laid_on(small, large))
-        twice = _twice(small, large, share) if said else ""
+        reported = share > WORTH_SAYING and not (share <= 0.5 and _laid_on(small, large))
+        twice = _twice(small, large, share) if reported else ""
         if twice:
             depth = float(np.abs(_way_out([small], [large])).sum())
             found.append(Overlap(small.name, large.name, share, depth, twice, *_free_place(first, later, every)))

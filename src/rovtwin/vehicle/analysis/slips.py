@@ -116,9 +116,9 @@ def _about_angles(vehicle: Vehicle) -> Iterator[Slip]:
         given = [one.direction for one in body.thrusters if isinstance(one.direction, dict)]
         angles = [abs(float(angle)) for direction in given for angle in direction.values() if angle]
         if angles and all(_round_in_radians(angle) for angle in angles):
-            said = ", ".join(f"{angle:g}" for angle in dict.fromkeys(angles))
+            text = ", ".join(f"{angle:g}" for angle in dict.fromkeys(angles))
             meant = ", ".join(f"{math.degrees(angle):.0f}" for angle in dict.fromkeys(angles))
-            line = f"{name}: the angles of its thrusters, {said} deg, look like radians: {meant} deg?"
+            line = f"{name}: the angles of its thrusters, {text} deg, look like radians: {meant} deg?"
             yield Slip("angles of thrusters", line)
 
 

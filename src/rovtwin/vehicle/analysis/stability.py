@@ -74,11 +74,11 @@ def afloat(model: Model) -> float:
     hull, r_b = model.hull, np.asarray(model.center_of_buoyancy)
     z, reach, shares = r_b[2] + np.asarray(hull.offsets)[:, 2], np.asarray(hull.reach), np.asarray(hull.shares)
     lowest, highest = float((-z - reach).min()), float((-z + reach).max())
-    wanted = min(max(1.0 - float(model.weight) / float(model.buoyancy), 0.0), 1.0) if float(model.buoyancy) > 0 else 0.0
+    share = min(max(1.0 - float(model.weight) / float(model.buoyancy), 0.0), 1.0) if float(model.buoyancy) > 0 else 0.0
     for _ in range(60):
         middle = 0.5 * (lowest + highest)
         dry = shares @ np.clip(0.5 - 0.5 * (middle + z) / reach, 0.0, 1.0)
-        lowest, highest = (middle, highest) if dry > wanted else (lowest, middle)
+        lowest, highest = (middle, highest) if dry > share else (lowest, middle)
     return highest
 
 

@@ -151,7 +151,7 @@ def _thruster(vehicle: Vehicle, model: Model, i: int) -> dict[str, Any]:
 def _performance(model: Model) -> dict[str, Any]:
     """What it can do in each direction; null where it never comes to that."""
 
-    def said(axis: str, able: AxisPerformance) -> dict[str, Any]:
+    def entry(axis: str, able: AxisPerformance) -> dict[str, Any]:
         turns = axis == "yaw"
         force, speed, way = ("moment_Nm", "deg_per_s", "angle_deg") if turns else ("force_N", "ms", "distance_m")
         scale = 180.0 / np.pi if turns else 1.0
@@ -168,7 +168,7 @@ def _performance(model: Model) -> dict[str, Any]:
         }
 
     return {
-        axis: {direction: said(axis, able) for direction, able in directions.items()}
+        axis: {direction: entry(axis, able) for direction, able in directions.items()}
         for axis, directions in performance(model).items()
     }
 

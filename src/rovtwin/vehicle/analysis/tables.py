@@ -228,8 +228,8 @@ def _performance(found: dict[str, Any]) -> Group:
             cells = zip(values, units, endless, strict=True)
             rows.append((f"{axis} {direction}", *(f"{_g(v, 3)} {u}" if v is not None else e for v, u, e in cells)))
     heads = ("", "force", "top speed", "stops in", "after", "coasts", "for")
-    said = _table(("", ""), [("-", line) for line in _about_performance(found)], text=(1,))
-    return Group(Text("one axis at a time", style="bold"), _table(heads, rows, numbers=1), said, Text())
+    notes = _table(("", ""), [("-", line) for line in _about_performance(found)], text=(1,))
+    return Group(Text("one axis at a time", style="bold"), _table(heads, rows, numbers=1), notes, Text())
 
 
 def _about_performance(found: dict[str, Any]) -> list[str]:
@@ -289,16 +289,16 @@ _PLAIN_FIGURES = ("name", "kind", "unit", "spare", "rate_hz", "noise", "bias")
 def _instruments(found: dict[str, Any]) -> Group:
     """How well sensors measure."""
 
-    def said(value: Any) -> str:
+    def text(value: Any) -> str:
         if isinstance(value, str):
             return value
-        return ", ".join(said(v) for v in value) if isinstance(value, list) else _g(value)
+        return ", ".join(text(v) for v in value) if isinstance(value, list) else _g(value)
 
     rows = []
     for one in found["instruments"]:
-        more = [f"{key} {said(value)}" for key, value in one.items() if key not in _PLAIN_FIGURES]
+        more = [f"{key} {text(value)}" for key, value in one.items() if key not in _PLAIN_FIGURES]
         unit, more = one["unit"], (["spare"] if one["spare"] else []) + more
-        figures = (_g(one["rate_hz"]), said(one["noise"]), said(one["bias"]))
+        figures = (_g(one["rate_hz"]), text(one["noise"]), text(one["bias"]))
         rows.append((one["name"], one["kind"], unit, *figures, "; ".join(more)))
     columns = ("name", "measures", "unit", "Hz", "noise", "bias", "also")
     return _titled("how well they measure (spare: not read)", _table(columns, rows, text=(1, 2, 6)))

@@ -117,8 +117,10 @@ def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Pa
             f"{MOST_BODIES} at most: does each of them name the next one several times?"
         )
     own = {key: getattr(inner, key) for key in Body.model_fields}
-    said = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
-    return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose, keeps_names=part.keeps_names)
+    given = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
+    return Part.model_construct(
+        **(own | given), name=part.name, part=None, pose=part.pose, keeps_names=part.keeps_names
+    )
 
 
 def _bodies(body: Any) -> int:

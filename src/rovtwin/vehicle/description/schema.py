@@ -66,8 +66,8 @@ class Shape(Strict):
     def _one_kind(self) -> "Shape":
         kinds = [k for k in ("box", "cylinder", "sphere", "ellipsoid", "mesh") if getattr(self, k) is not None]
         if len(kinds) != 1:
-            said = " and ".join(kinds) or "none"
-            raise ValueError(f"found {said}, expected one of box, cylinder, sphere, ellipsoid, mesh")
+            given = " and ".join(kinds) or "none"
+            raise ValueError(f"found {given}, expected one of box, cylinder, sphere, ellipsoid, mesh")
         if self.mesh is None and self.scale is not None:
             raise ValueError("found scale, which is for a mesh; a box, cylinder, sphere or ellipsoid is given in m")
         return self
@@ -89,8 +89,8 @@ class Visual(Strict):
     def _one_kind(self) -> "Visual":
         kinds = [k for k in ("box", "cylinder", "sphere", "ellipsoid", "mesh") if getattr(self, k) is not None]
         if len(kinds) != 1:
-            said = " and ".join(kinds) or "none"
-            raise ValueError(f"found {said}, expected one of box, cylinder, sphere, ellipsoid, mesh")
+            given = " and ".join(kinds) or "none"
+            raise ValueError(f"found {given}, expected one of box, cylinder, sphere, ellipsoid, mesh")
         return self
 
 

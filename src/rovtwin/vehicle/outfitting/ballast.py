@@ -34,7 +34,7 @@ _HIGH_OR_LOW, _NEAR = 1e-4, 1e-5
 
 
 @dataclass(frozen=True)
-class Wish:
+class BallastTarget:
     """What the vehicle should be like afterwards.
 
     Attributes:
@@ -102,12 +102,12 @@ def places_around(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.round(np.stack([g.ravel() for g in grid], axis=1), 3) + 0.0
 
 
-def pieces_for(total: Assembly, wish: Wish, stock: Stock) -> list[Piece]:
+def pieces_for(total: Assembly, target: BallastTarget, stock: Stock) -> list[Piece]:
     """The pieces to add, foam first.
 
     Args:
         total: The vehicle as it is, in the water it will float in.
-        wish: What it should be like.
+        target: What it should be like.
         stock: What there is, and where it may go.
 
     Raises:
@@ -118,9 +118,9 @@ def pieces_for(total: Assembly, wish: Wish, stock: Stock) -> list[Piece]:
             f"foam of {stock.foam_density:g} and weights of {stock.weight_density:g} kg/m3 in water of "
             f"{total.density:g} kg/m3: expected foam that floats and weights that sink"
         )
-    amounts = _amounts(total, wish, stock)
+    amounts = _amounts(total, target, stock)
     if amounts is None:
-        raise ConfigError(_why_not(total, wish, stock))
+        raise ConfigError(_why_not(total, target, stock))
     weight = "lead" if abs(stock.weight_density - LEAD) < 0.5 else "weight"
     pieces = []
     for mass, density, position in zip(amounts, stock.densities, stock.positions, strict=True):
@@ -131,33 +131,33 @@ def pieces_for(total: Assembly, wish: Wish, stock: Stock) -> list[Piece]:
     return pieces
 
 
-def _amounts(total: Assembly, wish: Wish, stock: Stock) -> np.ndarray | None:
+def _amounts(total: Assembly, target: BallastTarget, stock: Stock) -> np.ndarray | None:
     """Mass of each candidate [kg], shape (2 k,); None where there is no answer."""
     cost = _preferences(total, stock)
-    x = _least(1.0 + cost, *_balance(total, wish, stock), stock.most)
-    if x is None or wish.metacentric_height is None:
+    x = _least(1.0 + cost, *_balance(total, target, stock), stock.most)
+    if x is None or target.metacentric_height is None:
         return x
-    added = _least_mass(total, wish, stock, float(x.sum()))
+    added = _least_mass(total, target, stock, float(x.sum()))
     if added is None:
         return None
-    A, b = _balance(total, wish, stock)
-    row, at_zero = _height(total, wish, stock, added)
-    A, b = np.vstack([A, row]), np.append(b, wish.metacentric_height - at_zero)
+    A, b = _balance(total, target, stock)
+    row, at_zero = _height(total, target, stock, added)
+    A, b = np.vstack([A, row]), np.append(b, target.metacentric_height - at_zero)
     return _least(cost, A, b, stock.most, total=added)
 
 
-def _least_mass(total: Assembly, wish: Wish, stock: Stock, least: float) -> float | None:
+def _least_mass(total: Assembly, target: BallastTarget, stock: Stock, least: float) -> float | None:
     """Least mass of pieces, `least` [kg] or more, with which the wanted BG can be reached; None where there is none."""
     from scipy.optimize import brentq
 
-    wanted = float(wish.metacentric_height or 0.0)
-    low, high = (_extreme(total, wish, stock, least, side) for side in (-1.0, 1.0))
-    if low - 1e-12 <= wanted <= high + 1e-12:
+    height = float(target.metacentric_height or 0.0)
+    low, high = (_extreme(total, target, stock, least, side) for side in (-1.0, 1.0))
+    if low - 1e-12 <= height <= high + 1e-12:
         return least
-    side = 1.0 if wanted > high else -1.0
+    side = 1.0 if height > high else -1.0
 
     def short(added: float) -> float:
-        return side * (wanted - _extreme(total, wish, stock, added, side))
+        return side * (height - _extreme(total, target, stock, added, side))
 
     before = least
     for added in _masses(least, stock.most):
@@ -173,39 +173,39 @@ def _masses(least: float, most: float) -> np.ndarray:
     return least + (most - least) * np.geomspace(1e-4, 1.0, 25)
 
 
-def _extreme(total: Assembly, wish: Wish, stock: Stock, added: float, side: float) -> float:
+def _extreme(total: Assembly, target: BallastTarget, stock: Stock, added: float, side: float) -> float:
     """Highest (side 1) or lowest (side -1) BG [m] with pieces of a given mass; -side inf where they cannot balance."""
-    row, at_zero = _height(total, wish, stock, added)
-    x = _least(-side * row, *_balance(total, wish, stock), stock.most, total=added)
+    row, at_zero = _height(total, target, stock, added)
+    x = _least(-side * row, *_balance(total, target, stock), stock.most, total=added)
     return -side * np.inf if x is None else float(row @ x + at_zero)
 
 
-def _balance(total: Assembly, wish: Wish, stock: Stock) -> tuple[np.ndarray, np.ndarray]:
+def _balance(total: Assembly, target: BallastTarget, stock: Stock) -> tuple[np.ndarray, np.ndarray]:
     """A, b of the wishes but BG, A x = b, shapes (1 or 3, 2 k) and (1 or 3,)."""
     mass, water = total.solid.mass, total.density * total.volume
     wet = 1.0 - total.density / stock.densities  # what a kilogram of it weighs in water [kg]
-    rows, right = [-wet], [_net(total, wish) - (water - mass)]
-    if wish.level:
+    rows, right = [-wet], [_net(total, target) - (water - mass)]
+    if target.level:
         lever = mass * total.solid.center_of_gravity - water * total.center_of_buoyancy
         rows += [wet * stock.positions[:, 0], wet * stock.positions[:, 1]]
         right += [-lever[0], -lever[1]]
     return np.stack(rows), np.array(right)
 
 
-def _height(total: Assembly, wish: Wish, stock: Stock, added: float) -> tuple[np.ndarray, float]:
+def _height(total: Assembly, target: BallastTarget, stock: Stock, added: float) -> tuple[np.ndarray, float]:
     """BG = row @ x + at_zero [m] for pieces x of a given mass in all, shape (2 k,)."""
-    mass, water = total.solid.mass + added, total.solid.mass + added + _net(total, wish)
+    mass, water = total.solid.mass + added, total.solid.mass + added + _net(total, target)
     per_water = 1.0 / water if water > 1e-9 else 0.0  # of something that displaces nothing CB counts as at CO
     row = stock.positions[:, 2] * (1.0 / mass - total.density / stock.densities * per_water)
     z_g, z_b = total.solid.center_of_gravity[2], total.center_of_buoyancy[2]
     return row, float(total.solid.mass * z_g / mass - total.density * total.volume * z_b * per_water)
 
 
-def _net(total: Assembly, wish: Wish) -> float:
+def _net(total: Assembly, target: BallastTarget) -> float:
     """The wanted net buoyancy as a mass [kg]."""
-    if wish.net_buoyancy is None:
+    if target.net_buoyancy is None:
         return total.density * total.volume - total.solid.mass
-    return wish.net_buoyancy / GRAVITY
+    return target.net_buoyancy / GRAVITY
 
 
 def _preferences(total: Assembly, stock: Stock) -> np.ndarray:
@@ -261,33 +261,33 @@ def _with(total: Assembly, stock: Stock, x: np.ndarray) -> Floating:
     return floating(mass * GRAVITY, total.density * GRAVITY * volume, r_g, r_b)
 
 
-def _why_not(total: Assembly, wish: Wish, stock: Stock) -> str:
+def _why_not(total: Assembly, target: BallastTarget, stock: Stock) -> str:
     """The first wish that cannot be met, and what can be reached instead."""
     limit = f"with {_counted(stock.places)} and at most {stock.most:.3g} kg of pieces"
     fix = "allow more mass (--max-mass) or other places (--at)"
-    buoyant = replace(wish, level=False, metacentric_height=None)
+    buoyant = replace(target, level=False, metacentric_height=None)
     if _amounts(total, buoyant, stock) is None:
         now, most = floating_of(total).net_buoyancy, stock.most * GRAVITY
         low = now - most * (1.0 - total.density / stock.weight_density)
         high = now + most * (total.density / stock.foam_density - 1.0)
-        wanted = f"net buoyancy {wish.net_buoyancy:g} N"
-        return f"{wanted}: {limit}, {low:.4g} to {high:.4g} N can be reached; {fix}"
-    level = replace(wish, metacentric_height=None)
+        required = f"net buoyancy {target.net_buoyancy:g} N"
+        return f"{required}: {limit}, {low:.4g} to {high:.4g} N can be reached; {fix}"
+    level = replace(target, metacentric_height=None)
     x = _amounts(total, level, stock)
     if x is None:
         roll, pitch = np.degrees(_with(total, stock, _most_level(total, level, stock)).trim)
         return f"level: {limit}, the best is roll {roll:.2f}, pitch {pitch:.2f} deg; {fix}"
-    wanted, least = float(wish.metacentric_height or 0.0), float(x.sum())
+    required, least = float(target.metacentric_height or 0.0), float(x.sum())
     masses = [least, *_masses(least, stock.most)]
-    low = min(_extreme(total, wish, stock, added, -1.0) for added in masses)
-    high = max(_extreme(total, wish, stock, added, 1.0) for added in masses)
-    reached = f"at most {1000 * high:.4g}" if wanted > high else f"no less than {1000 * low:.4g}"
-    return f"BG {1000 * wanted:g} mm: {limit}, {reached} mm can be reached; {fix}"
+    low = min(_extreme(total, target, stock, added, -1.0) for added in masses)
+    high = max(_extreme(total, target, stock, added, 1.0) for added in masses)
+    reached = f"at most {1000 * high:.4g}" if required > high else f"no less than {1000 * low:.4g}"
+    return f"BG {1000 * required:g} mm: {limit}, {reached} mm can be reached; {fix}"
 
 
-def _most_level(total: Assembly, wish: Wish, stock: Stock) -> np.ndarray:
+def _most_level(total: Assembly, target: BallastTarget, stock: Stock) -> np.ndarray:
     """Amounts that leave the least moment, |x| + |y| of it, with the net buoyancy as wished."""
-    A, b = _balance(total, wish, stock)
+    A, b = _balance(total, target, stock)
     slack = np.zeros((3, 4))
     slack[1:] = [[1, -1, 0, 0], [0, 0, 1, -1]]
     cost = np.concatenate([np.zeros(A.shape[1]), np.ones(4)])

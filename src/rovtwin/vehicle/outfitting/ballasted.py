@@ -15,7 +15,7 @@ from rovtwin.vehicle.analysis.hydrostatics import floating_of
 from rovtwin.vehicle.description import files
 from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.description.water import check_density
-from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
+from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, BallastTarget, Piece, Stock, pieces_for, places_around
 
 STEP = 0.01  # what pieces are rounded to unless a step is given [kg]
 SHARE = 0.25  # of the vehicle's mass: more foam and lead than that is another vehicle
@@ -41,7 +41,7 @@ class Materials:
 
 def ballast(
     name_or_path: str | Path,
-    wish: Wish,
+    target: BallastTarget,
     materials: Materials | None = None,
     water_density: float | None = None,
     step: float | None = None,
@@ -52,7 +52,7 @@ def ballast(
 
     Args:
         name_or_path: A vehicle.
-        wish: What it should be like.
+        target: What it should be like.
         materials: What there is.
         water_density: Of the water it should float in [kg/m3]; None: that of the file.
         step: Pieces are rounded to this [kg]; None: they are exact, and what rounding to `STEP` does is told.
@@ -60,19 +60,19 @@ def ballast(
         command: What the file's first line says it was made by.
 
     Returns:
-        JSON-serialisable: wanted, pieces, before, after, rounded (None where they are), file.
+        JSON-serialisable: target, pieces, before, after, rounded (None where they are), file.
 
     Raises:
         ConfigError: Nothing asked for, a wish out of reach (with what is in reach), or a file that is in the way.
     """
-    _require_sense(wish)
+    _require_sense(target)
     if out is not None:
         _require_new(out)
     path = files.find(name_or_path)
     vehicle = load_vehicle(path)
     density = vehicle.assembly.density if water_density is None else check_density(water_density)
     total = vehicle.in_water(density).assembly
-    exact = pieces_for(total, wish, _stock(vehicle, materials or Materials()))
+    exact = pieces_for(total, target, _stock(vehicle, materials or Materials()))
     rounded = [p for p in (piece.rounded(STEP if step is None else step) for piece in exact) if p.mass > 0]
     pieces = exact if step is None else rounded
 
@@ -85,17 +85,17 @@ def ballast(
     return {
         "vehicle": vehicle.name,
         "water_density_kgm3": density,
-        "wanted": {
-            "net_buoyancy_N": wish.net_buoyancy,
-            "level": wish.level,
-            "metacentric_height_m": wish.metacentric_height,
+        "target": {
+            "net_buoyancy_N": target.net_buoyancy,
+            "level": target.level,
+            "metacentric_height_m": target.metacentric_height,
         },
         "pieces": [_described(piece, name) for piece, name in zip(pieces, names(pieces), strict=True)],
         "before": before,
         "after": after,
         "rounding_kg": STEP if step is None else step,
         "rounded": None if step is not None else _rounded_figures(vehicle, path, rounded, density),
-        "notes": _notes(wish, before, after),
+        "notes": _notes(target, before, after),
         "file": None if out is None else str(out),
     }
 
@@ -120,15 +120,15 @@ def figures(vehicle: Vehicle, density: float) -> dict[str, Any]:
     }
 
 
-def _notes(wish: Wish, before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+def _notes(target: BallastTarget, before: dict[str, Any], after: dict[str, Any]) -> list[str]:
     """What the wish left open, or asked for and may not have meant."""
     found = []
     if after["righting_stiffness_Nm_per_rad"] <= 0:
         found.append("it capsizes: no righting moment is left; ask for a BG with --bg")
-    elif not wish.level and max(abs(after["roll_deg"] or 0.0), abs(after["pitch_deg"] or 0.0)) > 0.5:
+    elif not target.level and max(abs(after["roll_deg"] or 0.0), abs(after["pitch_deg"] or 0.0)) > 0.5:
         found.append("it does not hang level: ask for it with --level")
-    was, wanted = before["metacentric_height_m"], wish.metacentric_height
-    if wanted is not None and was > wanted + 1e-6:
+    was, required = before["metacentric_height_m"], target.metacentric_height
+    if required is not None and was > required + 1e-6:
         found.append(f"BG is lowered from {1000 * was:.3g} mm, as asked; without --bg fewer pieces may do")
     return found
 
@@ -205,10 +205,10 @@ def _written(value: float) -> float:
     return float(f"{value:.12g}")  # as text that people can read; 1e-12 of a piece is no force
 
 
-def _require_sense(wish: Wish) -> None:
-    if wish == Wish():
+def _require_sense(target: BallastTarget) -> None:
+    if target == BallastTarget():
         raise ConfigError("nothing is asked for: give --buoyancy, --level or --bg")
-    bg = wish.metacentric_height
+    bg = target.metacentric_height
     if bg is not None and bg <= 0:
         raise ConfigError(f"BG {1000 * bg:g} mm: CG would not be below CB, the vehicle capsizes; expected more than 0")
     if bg is not None and bg > LARGEST_BG:

@@ -22,7 +22,7 @@ from rovtwin.vehicle.description import files
 from rovtwin.vehicle.description.identified import fingerprint
 from rovtwin.vehicle.description.instruments import instruments
 from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
+from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, BallastTarget, Piece, Stock, pieces_for, places_around
 from rovtwin.vehicle.outfitting.ballasted import SHARE, blocks
 from rovtwin.vehicle.outfitting.editing import with_parts, with_references, with_spares, without_part, written
 from rovtwin.vehicle.physics.actuation import size
@@ -161,7 +161,9 @@ def trimming(before: Vehicle, after: Vehicle, net_buoyancy: float | None = None)
     box = bounding_box(before.file) or around_thrusters(before.assembly)
     if box is None:
         raise ConfigError(f"{before.where}: no part has a shape or a thruster, so it has no outside to put ballast on")
-    target = Wish(floating_of(before.assembly).net_buoyancy if net_buoyancy is None else net_buoyancy, level=True)
+    target = BallastTarget(
+        floating_of(before.assembly).net_buoyancy if net_buoyancy is None else net_buoyancy, level=True
+    )
     stock = Stock(places_around(*box), SHARE * after.assembly.solid.mass, FOAM, LEAD)
     pieces = [piece.rounded(STEP) for piece in pieces_for(after.assembly, target, stock)]
     return [piece for piece in pieces if piece.mass > 0]

@@ -231,8 +231,8 @@ class Parameters:
                 if name in ("force_ahead", "force_astern"):
                     ratio = given / fields[name][rows[0]]
                     ahead = table > 0
-                    wanted = (ahead if name == "force_ahead" else ~ahead) & mine[:, None]
-                    table = jnp.where(wanted, ratio, 1.0) * table
+                    selected = (ahead if name == "force_ahead" else ~ahead) & mine[:, None]
+                    table = jnp.where(selected, ratio, 1.0) * table
                 fields[name] = fields[name].at[rows].set(given)
         fields["table_force"] = table
         return replace(thrusters, inflow_loss=inflow, **{name: jnp.asarray(v) for name, v in fields.items()})

@@ -53,16 +53,16 @@ _SLOWEST, _FASTEST = 0.1, 5.0  # top speeds that are believed [m/s]
 _WAYS = ("value", "sd", "factor", "common")
 
 
-def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, Any] | None = None) -> Gaussian:
+def default_prior(parameters: Parameters, vehicle: Vehicle, stated: Mapping[str, Any] | None = None) -> Gaussian:
     """Prior around the starting values.
 
     Args:
         parameters: Free ones.
         vehicle: How good its parts' numbers are, see `widths.prior_widths`.
-        said: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of two
-            (of those that are positive),
-            `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the middle too; `common: 0.9` beside
-            them is the share of their variance that the parameters of the pattern have in common.
+        stated: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of
+            two (of those that are positive), `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the
+            middle too; `common: 0.9` beside them is the share of their variance that the parameters of the pattern
+            have in common.
 
     Raises:
         IdentificationError: A pattern fits nothing, or a width is not positive.
@@ -73,7 +73,7 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
     width = np.array([known.get(ahead, 0.0) or _width(ahead) for ahead in (n.replace("_astern.", ".") for n in names)])
     kind = np.array([_kind(name) for name in names], dtype=object)
     shares = dict(COMMON)
-    for pattern, words in (said or {}).items():
+    for pattern, words in (stated or {}).items():
         rows = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not rows:
             raise IdentificationError(f"prior: '{pattern}' fits no free parameter.{near(pattern, names)}")
@@ -81,7 +81,7 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
             # A coupling has a sign; a pattern for its whole family does not mean it.
             rows = [i for i in rows if parameters.free[i].positive] or rows
         for i in rows:
-            mean[i], width[i] = _said(parameters.free[i], pattern, words, width[i])
+            mean[i], width[i] = _stated(parameters.free[i], pattern, words, width[i])
             kind[i] = pattern  # what somebody states has errors of its own
         shares[pattern] = words.get("common", 0.0)
     correlation = np.eye(len(names))
@@ -120,7 +120,7 @@ def _kind(name: str) -> str:
     return next((pattern for pattern in COMMON if fnmatchcase(name.replace("_astern.", "."), pattern)), "")
 
 
-def _said(parameter: Any, pattern: str, words: Any, width: float) -> tuple[float, float]:
+def _stated(parameter: Any, pattern: str, words: Any, width: float) -> tuple[float, float]:
     where = f"prior: {pattern}"
     if not isinstance(words, Mapping) or not words or set(words) - set(_WAYS):
         raise IdentificationError(

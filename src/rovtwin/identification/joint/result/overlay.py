@@ -83,17 +83,17 @@ def _thrusters(vehicle: Vehicle, model: Model) -> dict[str, dict[str, Any]]:
     thrusters = model.thrusters
     out = {}
     for i, name in enumerate(vehicle.thruster_names):
-        said: dict[str, Any] = {"time_constant": _short(thrusters.time_constant[i])}
+        entry: dict[str, Any] = {"time_constant": _short(thrusters.time_constant[i])}
         if bool(thrusters.tabulated[i]):
             points = np.stack([np.asarray(thrusters.table_command), np.asarray(thrusters.table_force)[i]], axis=1)
-            said["curve"] = {"table": [[_short(u), _short(f)] for u, f in points]}
+            entry["curve"] = {"table": [[_short(u), _short(f)] for u, f in points]}
         else:
-            said["force"] = {"ahead": _short(thrusters.force_ahead[i]), "astern": _short(thrusters.force_astern[i])}
-            said["curve"] = {"power": _short(thrusters.exponent[i])}
-            said["dead_band"] = _short(thrusters.dead_band[i])
+            entry["force"] = {"ahead": _short(thrusters.force_ahead[i]), "astern": _short(thrusters.force_astern[i])}
+            entry["curve"] = {"power": _short(thrusters.exponent[i])}
+            entry["dead_band"] = _short(thrusters.dead_band[i])
         if thrusters.inflow_loss is not None:  # an estimate below 0 is none: an inflow gives nothing
-            said["inflow_loss"] = max(0.0, _short(thrusters.inflow_loss[i]))
-        out[name] = said
+            entry["inflow_loss"] = max(0.0, _short(thrusters.inflow_loss[i]))
+        out[name] = entry
     return out
 
 

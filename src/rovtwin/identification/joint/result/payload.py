@@ -145,10 +145,10 @@ def _require_same_origin(vehicle: Vehicle, path: tuple[str, ...]) -> None:
 
 def _stated_anew(old: Vehicle, new: Vehicle, key: str) -> Any:
     """What the new file says of the whole and the old one of nothing: any other statement was of the old parts."""
-    said = getattr(new.file, key)
+    given = getattr(new.file, key)
     plain = {"source", "sources"}
     known = [getattr(body, key).model_dump(exclude=plain) for _, body in bodies(old.file, "") if getattr(body, key)]
-    return None if said is None or said.model_dump(exclude=plain) in known else said
+    return None if given is None or given.model_dump(exclude=plain) in known else given
 
 
 def _changed_solid(found: MassProperties, before: MassProperties, after: MassProperties) -> MassProperties:
@@ -227,7 +227,7 @@ def prior_from(
     parameters: Parameters,
     prior: Gaussian,
     change: Change | None,
-    said: Iterable[str] = (),
+    given: Iterable[str] = (),
     later: bool = False,
 ) -> Gaussian:
     """The prior of a new identification from an old one.
@@ -240,14 +240,14 @@ def prior_from(
         parameters: The new ones, their starting values those of `change`, or of the old file.
         prior: The default one.
         change: Of the parts, None where they are the same.
-        said: Patterns of names of which somebody stated something: they keep the given prior too.
+        given: Patterns of names of which somebody stated something: they keep the given prior too.
         later: Whether there are tests of another day. A change of parts is another day, too.
     """
     found = old.file.identified
     if found is None:
         raise IdentificationError(f"{old.where}: has no 'identified:' block; give a file that rovtwin identify wrote")
     known = {p.name: j for j, p in enumerate(found.estimate.parameters)}
-    stated = [p.name for p in parameters.free if any(fnmatchcase(p.name, pattern) for pattern in said)]
+    stated = [p.name for p in parameters.free if any(fnmatchcase(p.name, pattern) for pattern in given)]
     # How a gyro is mounted belongs to a log: the remark about it asks to straighten it.
     anew = {*stated, *MOUNTING}
     rows = [i for i, p in enumerate(parameters.free) if p.name in known and p.name not in anew]

@@ -53,9 +53,9 @@ class Arrow:
             half[s] = roots[s] @ columns[s]
         back = np.swapaxes(roots, 1, 2)
         gains, inverses = back @ half, back @ roots
-        told = half[:, :, d:-1].reshape(S * d, n).T @ half[:, :, d:].reshape(S * d, n + 1)
-        corner = self.corner - told[:, :-1]
-        return Factored(gains, inverses, 0.5 * (corner + corner.T), self.b_corner - told[:, -1])
+        eliminated = half[:, :, d:-1].reshape(S * d, n).T @ half[:, :, d:].reshape(S * d, n + 1)
+        corner = self.corner - eliminated[:, :-1]
+        return Factored(gains, inverses, 0.5 * (corner + corner.T), self.b_corner - eliminated[:, -1])
 
 
 @dataclass(eq=False)

@@ -42,10 +42,10 @@ class Variances:
         A narrow valley is entered at its wide end. Variances that go to zero creep there, by a like factor each time
         (as any EM does: Dempster, Laird and Rubin 1977); Aitken's rule says where they are going.
         """
-        wanted = self.wanted(blocks, arrow, noise)
+        target = self.target(blocks, arrow, noise)
         G = len(noise.sigma)
         now = np.concatenate([noise.sigma, noise.defect])
-        step = np.log(np.concatenate([wanted.sigma, wanted.defect]) / now)
+        step = np.log(np.concatenate([target.sigma, target.defect]) / now)
         least = -np.log(_PATIENCE) if near else 0.0
         # Every second one is taken that far: what follows one that went too far says nothing of where a row is going.
         before, self._last = self._last, step if near and not self._last.any() else np.zeros_like(step)
@@ -57,7 +57,7 @@ class Variances:
         settled = near and bool(np.all(moved[:G] < 0.03) and np.all(moved[G:] < 0.2))
         return Noise(new[:G], new[G:]), settled
 
-    def wanted(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> Noise:
+    def target(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> Noise:
         """Variances as squares over redundancies say."""
         problem = self._problem
         n = len(problem.prior.mean)
@@ -100,11 +100,11 @@ class Variances:
         variance = np.einsum("sia,sab,sib->i", J, C, J)
         squares = np.sum(blocks.defect[links] ** 2, axis=0)
         redundancy = np.maximum(len(links) - variance / noise.defect**2, 0.02 * len(links))
-        wanted = np.maximum(np.sqrt(squares / redundancy), _DEFECT_FLOOR)
+        target = np.maximum(np.sqrt(squares / redundancy), _DEFECT_FLOOR)
         defect = _DEFECT_FLOOR.copy()
         defect[6:12] = _UNSEEN * np.sqrt(problem.segments.grid.span)
         # A disturbance of what nothing measures would only serve to explain the rest away.
         moves = seen_motions(problem.segments.levers)
         seen = np.concatenate([[False] * 3, moves[3:], moves, moves])
-        defect[seen] = wanted[seen]
+        defect[seen] = target[seen]
         return defect

@@ -62,8 +62,10 @@ class Options(Strict):
             before = None if old is None else old.file.identified
             if old is None or before is None or not before.estimate.groups:
                 return thruster_groups(vehicle)
-            told = old.thruster_names  # a new vehicle may have the old one as a part: other names, the same order
-            return {group: tuple(told.index(n) for n in members) for group, members in before.estimate.groups.items()}
+            old_names = old.thruster_names  # a new vehicle may have the old one as a part: other names, the same order
+            return {
+                group: tuple(old_names.index(n) for n in members) for group, members in before.estimate.groups.items()
+            }
         listed = [name for members in self.groups.values() for name in members]
         for name in listed:
             if name not in names:

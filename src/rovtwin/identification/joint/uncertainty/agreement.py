@@ -83,7 +83,7 @@ def spread(slopes: np.ndarray, information: np.ndarray, A: np.ndarray, divisions
     known = np.einsum("ia,ab,bi->i", C, A - information.sum(axis=0), C)
     most = np.ones(len(A))
     for stretch in divisions:
-        squares, expected = _wanted(slopes, information, A, C, stretch)
+        squares, expected = _squares(slopes, information, A, C, stretch)
         total = expected.sum(axis=0)
         freedom = total**2 / np.maximum(np.sum(expected**2, axis=0), 1e-300)
         more = squares.sum(axis=0) > total * chi2.ppf(CERTAIN, freedom) / freedom
@@ -110,9 +110,9 @@ def _by_time(counts: np.ndarray) -> list[np.ndarray]:
     total, found = counts.sum(), []
     if len(counts) > 1:
         found.append(np.repeat(np.arange(len(counts)), counts))
-    for wanted in STRETCHES:
-        of_each = np.maximum(np.round(wanted * counts / total), 1).astype(int)
-        if total < wanted:
+    for count in STRETCHES:
+        of_each = np.maximum(np.round(count * counts / total), 1).astype(int)
+        if total < count:
             break
         before = np.cumsum([0, *of_each[:-1]])
         found.append(
@@ -145,7 +145,7 @@ def parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.nd
     return slopes, information + np.swapaxes(moved, 1, 2) @ moved
 
 
-def _wanted(
+def _squares(
     slopes: np.ndarray, information: np.ndarray, A: np.ndarray, C: np.ndarray, stretch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Squares of what each stretch wants of [theta, offsets], and what an exact model makes of them, shapes (K, m)."""

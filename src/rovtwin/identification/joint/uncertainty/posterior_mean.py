@@ -55,12 +55,12 @@ def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) 
     tangent = np.asarray(problem.shooting.scale_tangent(theta))
     known = tangent @ problem.static_information(theta) @ tangent
     # Where not all that should scale is free, the readings tell the scale.
-    told = max(float(tangent @ readings @ tangent), 0.0)
-    s = np.linspace(-_REACH, _REACH, _STEPS) / np.sqrt(known + told)
+    measured = max(float(tangent @ readings @ tangent), 0.0)
+    s = np.linspace(-_REACH, _REACH, _STEPS) / np.sqrt(known + measured)
     cost = np.array([problem.static_cost(np.asarray(problem.shooting.scaled(theta, x))) for x in s])
     # At the maximum the slope of prior and static evidence is cancelled by that of the readings.
     cost -= np.gradient(cost, s)[_STEPS // 2] * s
-    log_p = -0.5 * (cost + told * s**2 + [_log_det(problem, theta, readings, x) for x in s])
+    log_p = -0.5 * (cost + measured * s**2 + [_log_det(problem, theta, readings, x) for x in s])
     p = np.exp(log_p - log_p.max())
     mean = float(p @ s / p.sum())
     return np.asarray(problem.shooting.scaled(theta, mean)), _carried(problem, theta, readings, mean)
@@ -90,12 +90,12 @@ def _without_skewness(problem: Problem, theta: np.ndarray, covariance: np.ndarra
     ]
     # All are judged at the maximum, where the slopes cancel; what one moved of another is not moved again.
     slope = problem.information @ (top - problem.prior.mean)
-    wanted = {}
+    moments = {}
     for i in weak:
         along = covariance[:, i] / covariance[i, i]  # the others' best values, as this one moves
-        wanted[i] = _moments(std[i], along @ problem.information @ along, along @ slope)
+        moments[i] = _moments(std[i], along @ problem.information @ along, along @ slope)
     for i in sorted(weak, key=lambda i: -std[i]):
-        mean, variance = wanted[i]
+        mean, variance = moments[i]
         along = covariance[:, i] / covariance[i, i]
         theta = theta + along * (top[i] + mean - theta[i])
         covariance = covariance + np.outer(along, along) * (variance - covariance[i, i])
@@ -108,8 +108,8 @@ def _shares_of_unsure_units(
     """Mean and variance of couplings of linear damping of which the damping itself is weakly known, by their index.
 
     A coupling is a share c of its unit, D_ji = c sqrt(D_ii D_jj), and the readings tell D_ji. Where x = log D_ii is
-    this or that, about the maximum, they tell c with the information `told` e^x and the value e^(-x/2) times that at
-    the maximum; what was known of c before is the same for all x. Averaged over x that is skewed: the variance given
+    this or that, about the maximum, they tell c with the information `measured` e^x and the value e^(-x/2) times that
+    at the maximum; what was known of c before is the same for all x. Averaged over x that is skewed: the variance given
     is that of the normal distribution whose 95 % interval reaches as far as the longer side's.
     """
     names = [p.name for p in problem.shooting.parameters.free]
@@ -128,9 +128,9 @@ def _shares_of_unsure_units(
         x, p = _logarithm(np.sqrt(covariance[k, k]), along @ problem.information @ along, along @ slope)
         before = problem.information[i, i]
         alone = covariance[i, i] - covariance[i, k] ** 2 / covariance[k, k]  # where D_ii is what it is
-        told = max(1.0 / alone - before, 0.0)
-        total = before + told * np.exp(x)
-        seen = theta[i] * (before + told) - before * problem.prior.mean[i]  # told times what the readings say
+        measured = max(1.0 / alone - before, 0.0)
+        total = before + measured * np.exp(x)
+        seen = theta[i] * (before + measured) - before * problem.prior.mean[i]  # told times what the readings say
         given = (np.exp(0.5 * x) * seen + before * problem.prior.mean[i]) / total
         mean = float(p @ given)
         found[i] = (mean, _longer_side(p, given, total**-0.5, mean) ** 2)
@@ -161,13 +161,13 @@ def _logarithm(std: float, before: float, slope: float) -> tuple[np.ndarray, np.
         before: Information of the prior.
         slope: Of half the prior's squares at the maximum; that of the readings cancels it.
     """
-    told = std**-2.0 - before
-    if told <= 1e-3 * std**-2.0:
+    measured = std**-2.0 - before
+    if measured <= 1e-3 * std**-2.0:
         x = std * _GRID
         p = np.exp(-0.5 * _GRID**2)
         return x, p / p.sum()
     x = min(before**-0.5, 10.0 * std) * _GRID
-    best = 1.0 + slope / told  # where the readings alone would have put the value, in units of the maximum's
-    log_p = -0.5 * told * (np.exp(x) - best) ** 2 - 0.5 * before * x**2 - slope * x
+    best = 1.0 + slope / measured  # where the readings alone would have put the value, in units of the maximum's
+    log_p = -0.5 * measured * (np.exp(x) - best) ** 2 - 0.5 * before * x**2 - slope * x
     p = np.exp(log_p - log_p.max())
     return x, p / p.sum()

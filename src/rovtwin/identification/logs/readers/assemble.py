@@ -67,15 +67,15 @@ def part_of(raw: Raw, source: SourceSpec, thrusters: list[str], density: float |
         specs[name] = _merged(raw.signals.get(name), given) or given
     signals = {}
     for name, spec in specs.items():
-        signal, said = _signal(raw, name, spec, density or raw.water_density)
-        notes += said
+        signal, remarks = _signal(raw, name, spec, density or raw.water_density)
+        notes += remarks
         if len(signal.t):
             signals[name] = signal
     commands = _merged(raw.commands, source.commands)
     t, u = None, None
     if commands is not None:
-        t, u, said = _commands(raw, commands, thrusters)
-        notes += said
+        t, u, remarks = _commands(raw, commands, thrusters)
+        notes += remarks
     return Part(t, u, signals, str(raw.path), tuple(notes), raw.no_commands)
 
 
@@ -141,15 +141,15 @@ def _named_after_components(table: Table, name: str, where: str) -> list[int | s
         return list(components)
     if table.t is not None and not table.columns and table.values.shape[1] == len(components):
         return list(range(len(components)))
-    said = f"; the file has {', '.join(table.columns)}" if table.columns else ""
-    raise IdentificationError(f"{where}.columns: missing; expected {len(components)} of them{said}")
+    columns = f"; the file has {', '.join(table.columns)}" if table.columns else ""
+    raise IdentificationError(f"{where}.columns: missing; expected {len(components)} of them{columns}")
 
 
 def _check_count(name: str, found: int, where: str) -> None:
     expected = (3, 4, 9) if name == "attitude" else (len(SIGNALS[name][0]),)
     if found not in expected:
-        wanted = {"attitude": "3 angles, 4 of a quaternion or 9 of a matrix"}.get(name, ", ".join(SIGNALS[name][0]))
-        raise IdentificationError(f"{where}.columns: found {found}, expected {wanted}")
+        needed = {"attitude": "3 angles, 4 of a quaternion or 9 of a matrix"}.get(name, ", ".join(SIGNALS[name][0]))
+        raise IdentificationError(f"{where}.columns: found {found}, expected {needed}")
 
 
 def _sigma(spec: SignalSpec, name: str, where: str) -> np.ndarray | None:

@@ -52,7 +52,7 @@ def raw_of(flight: Flight) -> Raw:
     if flight.commands is not None:
         t, u = _increasing(flight.commands)
         found = stretches(t, u, flight.armed)
-        notes.append(f"{flight.path}: {found.said}")
+        notes.append(f"{flight.path}: {found.text}")
         if found.used:
             interval = float(np.median(np.diff(t)))
             inside = (t >= found.used[0][0]) & (t <= found.used[-1][1])
@@ -60,7 +60,7 @@ def raw_of(flight: Flight) -> Raw:
             touched = tuple((a[1], b[0]) for a, b in zip(found.used, found.used[1:], strict=False))
             commands = CommandSpec.model_validate({"from": COMMANDS})
         else:
-            why = f"thrusters never turn while armed ({found.said})"
+            why = f"thrusters never turn while armed ({found.text})"
     return Raw(
         flight.path,
         tables,

@@ -42,16 +42,16 @@ def read_c3d(path: Path, body: str | None, markers: dict[str, list[float]] | Non
     scale = _millimetres(file, path)
     if markers is not None:
         labels = [str(label) for label in file["parameters"]["POINT"]["LABELS"]["value"]]
-        block, said = _through_markers(points[:3] * scale, labels, markers, path)
+        block, note = _through_markers(points[:3] * scale, labels, markers, path)
         bodies = {body or "body": block}
     elif rotations.size:
         labels = [str(label) for label in file["parameters"]["ROTATION"]["LABELS"]["value"]]
-        bodies, said = {label: _pose(rotations[:, :, i], scale) for i, label in enumerate(labels)}, ""
+        bodies, note = {label: _pose(rotations[:, :, i], scale) for i, label in enumerate(labels)}, ""
     else:
         raise IdentificationError(
             f"{path}: holds markers but no rotations; give 'markers: {{label: [x, y, z]}}', their places in b [m]"
         )
-    columns, notes = (*PLACE, *MATRIX), [said] if said else []
+    columns, notes = (*PLACE, *MATRIX), [note] if note else []
     tables = {n: Table(v, columns, np.arange(len(v)) / _rate_of(rate, points, v)) for n, v in bodies.items()}
     return Raw(path, tables, pose_signals(path, list(tables), body), notes=tuple(notes))
 

@@ -54,8 +54,8 @@ def read_dataflash(path: Path, vehicle: Vehicle) -> Raw:
     signals = _signals(tables, parameters, notes)
     commands, why = None, ""
     try:
-        commands, said = _commands(tables, parameters, vehicle)
-        notes += said
+        commands, remarks = _commands(tables, parameters, vehicle)
+        notes += remarks
     except NoCommands as error:
         why = str(error)
     gravity = parameters.get("BARO_SPEC_GRAV")
@@ -153,6 +153,6 @@ def _armed(messages: dict[str, Message]) -> list[tuple[float, bool]]:
     for name, column, states in (("ARM", "ArmState", {1: True, 0: False}), ("EV", "Id", {10: True, 11: False})):
         if name in messages and {"TimeUS", column} <= set(messages[name].rows.dtype.names or ()):
             rows = messages[name].rows
-            told = zip(rows["TimeUS"], rows[column], strict=True)
-            return [(1e-6 * float(t), states[int(value)]) for t, value in told if int(value) in states]
+            rows_of = zip(rows["TimeUS"], rows[column], strict=True)
+            return [(1e-6 * float(t), states[int(value)]) for t, value in rows_of if int(value) in states]
     return []

@@ -100,10 +100,10 @@ def _scan(data: bytes) -> tuple[dict[int, Format], dict[int, list[int]]]:
             continue
         places.setdefault(data[at + 2], []).append(at)
         if data[at + 2] == FMT:
-            told = _format(data, at)
+            described = _format(data, at)
             # What is said twice and differently is damaged.
-            if told is not None and told[0] not in formats:
-                formats[told[0]] = told[1]
+            if described is not None and described[0] not in formats:
+                formats[described[0]] = described[1]
         at = end
     return formats, places
 

@@ -89,13 +89,13 @@ def drives(
             f"no motor of its frame {frame} pushes like the vehicle's thruster {names[worst]}. Give the vehicle that "
             "was driven, or write 'commands' by hand"
         )
-    notes += _unsaid(parameters, output_of)
+    notes += _unreported(parameters, output_of)
     found = {}
     for name, motor, along in zip(names, motor_of, cosine, strict=True):
         direction = np.sign(parameters.get(f"MOT_{motor + 1}_DIRECTION", 1.0)) or 1.0
         found[name] = Drive(output_of[motor + 1], float(np.sign(along) * direction), int(motor) + 1)
-    said = ", ".join(f"{'-' if d.sign < 0 else ''}{name} by output {d.output}" for name, d in found.items())
-    return found, [*notes, f"thrusters of frame {frame}: {said}"]
+    text = ", ".join(f"{'-' if d.sign < 0 else ''}{name} by output {d.output}" for name, d in found.items())
+    return found, [*notes, f"thrusters of frame {frame}: {text}"]
 
 
 def matched(wrenches: np.ndarray, configuration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +157,7 @@ def _outputs(parameters: dict[str, float], motors: int, notes: list[str]) -> dic
     return dict(sorted(found.items()))
 
 
-def _unsaid(parameters: dict[str, float], output_of: dict[int, int]) -> list[str]:
+def _unreported(parameters: dict[str, float], output_of: dict[int, int]) -> list[str]:
     """Notes on settings that are missing, or that a pulse of 1100 to 1900 us does not fit."""
     notes = []
     unknown = [n for n in output_of if f"MOT_{n}_DIRECTION" not in parameters]

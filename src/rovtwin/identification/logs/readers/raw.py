@@ -95,8 +95,8 @@ class Raw:
         if name is None and len(self.tables) == 1:
             return next(iter(self.tables.values()))
         if name not in self.tables:
-            said = "no 'from' given" if name is None else f"from: no {name!r}.{alike(name, self.tables)}"
-            raise IdentificationError(f"{where}: {said}; the file has {listed(self.tables)}")
+            text = "no 'from' given" if name is None else f"from: no {name!r}.{alike(name, self.tables)}"
+            raise IdentificationError(f"{where}: {text}; the file has {listed(self.tables)}")
         return self.tables[name]
 
     def clock(self, table: Table, columns: Sequence[Column], time: Column | None, where: str) -> np.ndarray:
@@ -166,8 +166,8 @@ def _shape(table: Table) -> str:
 
 def alike(name: str, known: Iterable[str]) -> str:
     """` Did you mean ..?`, or nothing where no name is near."""
-    said = near(name, list(known))
-    return said if "Did you mean" in said else ""
+    text = near(name, list(known))
+    return text if "Did you mean" in text else ""
 
 
 def no_commands(raws: Sequence[Raw], thrusters: Sequence[str]) -> IdentificationError:

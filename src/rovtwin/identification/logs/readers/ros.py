@@ -48,8 +48,8 @@ def read_rosbag(path: Path, thrusters: list[str]) -> Raw:
             tables[topic] = Table(values, columns, np.array(times[topic]))
         else:
             notes.append(f"{path}: {topic} ({types[topic]}) holds no numbers that can be used")
-    signals, said = _signals(tables, types)
-    return Raw(path, tables, signals, _commands(tables, types, thrusters), notes=(*notes, *said))
+    signals, remarks = _signals(tables, types)
+    return Raw(path, tables, signals, _commands(tables, types, thrusters), notes=(*notes, *remarks))
 
 
 def _bag(path: Path) -> Path:

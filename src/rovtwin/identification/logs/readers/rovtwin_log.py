@@ -53,11 +53,11 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
         signals[name] = spec(table=channel, columns=list(columns), **datasheets.get(sensor, {}))
     if not signals:
         raise IdentificationError(f"{path}: no readings; fly with log.sensors: true")
-    told = CommandSpec.model_validate({"from": COMMANDS})
+    command_spec = CommandSpec.model_validate({"from": COMMANDS})
     scale = _number(log, "track_scale_std") or 0.0
     length = _tether_length(log)
     notes = (*log.notes, *_left_out(log))
-    return Raw(path, tables, signals, told, _number(log, "water_density"), length, scale, notes, _touched(log))
+    return Raw(path, tables, signals, command_spec, _number(log, "water_density"), length, scale, notes, _touched(log))
 
 
 def _left_out(log: Log) -> list[str]:
@@ -80,11 +80,11 @@ def _check_thrusters(path: Path, found: tuple[str, ...], vehicle: Vehicle) -> No
 def _datasheets(log: Log) -> dict[str, dict[str, Any]]:
     """Noise, lever and mounting of the sensors, where the log says them."""
     try:
-        told = json.loads(log.metadata.get("sensors", "{}"))
+        datasheets = json.loads(log.metadata.get("sensors", "{}"))
     except ValueError:
         return {}
     sheets = {}
-    for sensor, sheet in told.items():
+    for sensor, sheet in datasheets.items():
         angles = np.degrees(euler_from_matrices(np.array(sheet["rotation"])[None])[0])
         sheets[sensor] = {"sigma": sheet["noise"], "lever": sheet["lever"], "mounting_deg": angles.tolist()}
     return sheets

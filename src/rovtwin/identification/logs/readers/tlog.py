@@ -53,7 +53,7 @@ _HEIGHTS = [("VFR_HUD", "alt"), ("GLOBAL_POSITION_INT", "relative_alt")]
 
 
 @dataclass
-class _Heard:
+class _Component:
     """What one component said.
 
     Attributes:
@@ -78,48 +78,48 @@ def read_tlog(path: Path, vehicle: Vehicle) -> Raw:
         IdentificationError: No telemetry log, no autopilot in it, or pymavlink is missing.
     """
     require("pymavlink", "mavlink", f"{path}: a telemetry log")
-    said, notes = _listen(path)
-    heard = _autopilot(said, path, notes)
-    tables = _tables(heard, path, notes)
+    components, notes = _listen(path)
+    autopilot = _autopilot(components, path, notes)
+    tables = _tables(autopilot, path, notes)
     armed = _armed(tables)
-    _derive(tables, heard.parameters)
+    _derive(tables, autopilot.parameters)
     commands, why = None, ""
     try:
-        commands, more = _commands(tables, heard.parameters, vehicle)
+        commands, more = _commands(tables, autopilot.parameters, vehicle)
         notes += more
     except NoCommands as error:
         why = str(error)
-    gravity = heard.parameters.get("BARO_SPEC_GRAV")
+    gravity = autopilot.parameters.get("BARO_SPEC_GRAV")
     density = round(1000.0 * gravity, 3) if gravity else None
-    signals = _signals(tables, heard.parameters, notes)
+    signals = _signals(tables, autopilot.parameters, notes)
     return raw_of(Flight(path, tables, signals, commands, why, armed, density, tuple(notes)))
 
 
-def _autopilot(said: dict[tuple[int, int], _Heard], path: Path, notes: list[str]) -> _Heard:
+def _autopilot(components: dict[tuple[int, int], _Component], path: Path, notes: list[str]) -> _Component:
     """The autopilot that said most, with what other computers of its vehicle told it."""
-    autopilots = {who: heard for who, heard in said.items() if heard.flies}
+    autopilots = {who: autopilot for who, autopilot in components.items() if autopilot.flies}
     if not autopilots:
-        kinds = {name for heard in said.values() for name in heard.rows}
+        kinds = {name for autopilot in components.values() for name in autopilot.rows}
         raise IdentificationError(f"{path}: found no heartbeat of an autopilot; it has {listed(kinds)}")
     who = max(autopilots, key=lambda w: sum(len(rows) for rows in autopilots[w].rows.values()))
     if len(autopilots) > 1:
         others = ", ".join(f"{system}/{part}" for system, part in autopilots if (system, part) != who)
         notes.append(f"{path}: autopilot {who[0]}/{who[1]} taken, not {others}")
-    heard = autopilots[who]
-    for (system, _), other in said.items():
+    autopilot = autopilots[who]
+    for (system, _), other in components.items():
         for name in _FROM_OTHERS:
-            if system == who[0] and other is not heard and name in other.rows and name not in heard.rows:
-                heard.rows[name], heard.scales[name] = other.rows[name], other.scales[name]
+            if system == who[0] and other is not autopilot and name in other.rows and name not in autopilot.rows:
+                autopilot.rows[name], autopilot.scales[name] = other.rows[name], other.scales[name]
                 # Their clock is not the autopilot's: times are those of arrival.
-                heard.columns[name] = tuple(f"sender_{c}" if c in _CLOCKS else c for c in other.columns[name])
-    return heard
+                autopilot.columns[name] = tuple(f"sender_{c}" if c in _CLOCKS else c for c in other.columns[name])
+    return autopilot
 
 
-def _listen(path: Path) -> tuple[dict[tuple[int, int], _Heard], list[str]]:
+def _listen(path: Path) -> tuple[dict[tuple[int, int], _Component], list[str]]:
     """What each component said, by system and component."""
     from pymavlink import mavutil
 
-    said: dict[tuple[int, int], _Heard] = {}
+    components: dict[tuple[int, int], _Component] = {}
     garbage: Counter[str] = Counter()
     last, notes = None, []
     try:
@@ -130,7 +130,11 @@ def _listen(path: Path) -> tuple[dict[tuple[int, int], _Heard], list[str]]:
                 garbage["bad"] += 1
                 continue
             last = float(message._timestamp)
-            _take(said.setdefault((message.get_srcSystem(), message.get_srcComponent()), _Heard()), message, last)
+            _take(
+                components.setdefault((message.get_srcSystem(), message.get_srcComponent()), _Component()),
+                message,
+                last,
+            )
         log.close()
     except Exception as error:  # a damaged log makes the library raise anything
         if last is None:
@@ -143,19 +147,19 @@ def _listen(path: Path) -> tuple[dict[tuple[int, int], _Heard], list[str]]:
         )
     if garbage["bad"]:
         notes.append(f"{path}: {garbage['bad']} damaged messages left out")
-    return said, notes
+    return components, notes
 
 
-def _take(heard: _Heard, message: Any, arrival: float) -> None:
+def _take(autopilot: _Component, message: Any, arrival: float) -> None:
     """Keep the numbers of one message."""
     name = message.get_type()
     if name == "PARAM_VALUE":
-        heard.parameters[str(message.param_id)] = float(message.param_value)
+        autopilot.parameters[str(message.param_id)] = float(message.param_value)
         return
     if name == "HEARTBEAT":
-        heard.flies |= message.autopilot != NOBODY
-    if name not in heard.columns:
-        _describe(heard, message, name)
+        autopilot.flies |= message.autopilot != NOBODY
+    if name not in autopilot.columns:
+        _describe(autopilot, message, name)
     row = [arrival]
     for column in message.fieldnames:
         value = getattr(message, column)
@@ -163,11 +167,11 @@ def _take(heard: _Heard, message: Any, arrival: float) -> None:
             row.append(value)
         elif isinstance(value, (list, tuple)) and value and isinstance(value[0], (int, float)):
             row += value
-    if len(row) == len(heard.columns[name]) + 1:
-        heard.rows.setdefault(name, []).append(tuple(row))
+    if len(row) == len(autopilot.columns[name]) + 1:
+        autopilot.rows.setdefault(name, []).append(tuple(row))
 
 
-def _describe(heard: _Heard, message: Any, name: str) -> None:
+def _describe(autopilot: _Component, message: Any, name: str) -> None:
     """Columns of a message and what they are multiplied by."""
     units = getattr(type(message), "fieldunits_by_name", {})
     columns: list[str] = []
@@ -180,13 +184,13 @@ def _describe(heard: _Heard, message: Any, name: str) -> None:
         elif isinstance(value, (list, tuple)) and value and isinstance(value[0], (int, float)):
             columns += [f"{column}.{i}" for i in range(len(value))]
             scales += [scale] * len(value)
-    heard.columns[name], heard.scales[name] = tuple(columns), np.array(scales)
+    autopilot.columns[name], autopilot.scales[name] = tuple(columns), np.array(scales)
 
 
-def _tables(heard: _Heard, path: Path, notes: list[str]) -> dict[str, Table]:
+def _tables(autopilot: _Component, path: Path, notes: list[str]) -> dict[str, Table]:
     """Messages over the autopilot's clock, in SI."""
-    blocks = {name: np.array(rows, dtype=float) for name, rows in heard.rows.items() if heard.columns[name]}
-    clocks = _on_one_epoch(blocks, {name: _own_clock(block, heard.columns[name]) for name, block in blocks.items()})
+    blocks = {name: np.array(rows, dtype=float) for name, rows in autopilot.rows.items() if autopilot.columns[name]}
+    clocks = _on_one_epoch(blocks, {name: _own_clock(block, autopilot.columns[name]) for name, block in blocks.items()})
     lags = [block[:, 0] - clocks[name] for name, block in blocks.items() if clocks[name] is not None]
     restarted = any(t is not None and len(t) and (np.diff(t) < -RESTART).any() for t in clocks.values())
     if restarted:
@@ -196,7 +200,7 @@ def _tables(heard: _Heard, path: Path, notes: list[str]) -> dict[str, Table]:
     for name, block in blocks.items():
         own = clocks[name]
         t = block[:, 0] - shortest if restarted or own is None else own
-        tables[name] = Table(block[:, 1:] * heard.scales[name], heard.columns[name], t)
+        tables[name] = Table(block[:, 1:] * autopilot.scales[name], autopilot.columns[name], t)
     return tables
 
 

@@ -16,11 +16,11 @@ class Stretches:
 
     Attributes:
         used: From and to [s], in order.
-        said: What was cut, in words.
+        text: What was cut, in words.
     """
 
     used: tuple[tuple[float, float], ...]
-    said: str
+    text: str
 
 
 def stretches(t: np.ndarray, u: np.ndarray, armed: list[tuple[float, bool]]) -> Stretches:
@@ -48,8 +48,8 @@ def stretches(t: np.ndarray, u: np.ndarray, armed: list[tuple[float, bool]]) -> 
         "in pieces too short": sum(b - a for a, b in spans if b - a < SHORTEST),
     }
     cut = ", ".join(f"{length:.1f} s {why}" for why, length in lost.items() if length > 0.05)
-    said = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in used) or "nothing"
-    return Stretches(used, f"used: {said} of {t[0]:.1f} to {t[-1]:.1f} s; cut: {cut or 'nothing'}")
+    text = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in used) or "nothing"
+    return Stretches(used, f"used: {text} of {t[0]:.1f} to {t[-1]:.1f} s; cut: {cut or 'nothing'}")
 
 
 def _armed_at(t: np.ndarray, armed: list[tuple[float, bool]]) -> np.ndarray:

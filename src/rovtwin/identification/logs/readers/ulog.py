@@ -74,8 +74,8 @@ def read_ulog(path: Path, vehicle: Vehicle) -> Raw:
     commands, why = None, ""
     parameters = {n: float(v) for n, v in log.initial_parameters.items() if isinstance(v, (int, float))}
     try:
-        commands, said = _commands(tables, parameters, vehicle)
-        notes += said
+        commands, remarks = _commands(tables, parameters, vehicle)
+        notes += remarks
     except NoCommands as error:
         why = str(error)
     return raw_of(
@@ -104,12 +104,12 @@ def _tables(log: Any) -> dict[str, Table]:
 def _add_velocity(tables: dict[str, Table]) -> None:
     """Velocity of a DVL or visual odometry that was given in b."""
     table = tables.get("vehicle_visual_odometry")
-    wanted = [f"velocity[{i}]" for i in range(3)] if table and "velocity[0]" in table.columns else ["vx", "vy", "vz"]
-    if table is None or table.t is None or not {*wanted, "velocity_frame"} <= set(table.columns):
+    expected = [f"velocity[{i}]" for i in range(3)] if table and "velocity[0]" in table.columns else ["vx", "vy", "vz"]
+    if table is None or table.t is None or not {*expected, "velocity_frame"} <= set(table.columns):
         return
     there = table.column("velocity_frame") == BODY_FRD
     if there.any():
-        values = np.stack([table.column(name)[there] for name in wanted], axis=1)
+        values = np.stack([table.column(name)[there] for name in expected], axis=1)
         tables["odometry velocity"] = Table(values, ("u", "v", "w"), table.t[there])
 
 
@@ -139,8 +139,8 @@ def _commands(tables: dict[str, Table], parameters: dict[str, float], vehicle: V
     if missing:
         raise NoCommands(f"nothing is logged of motor {missing[0] + 1}")
     values = np.stack([sign * u[r] for r, sign in rotors], axis=1)
-    said = ", ".join(f"{'-' if s < 0 else ''}{n} by motor {r + 1}" for n, (r, s) in zip(names, rotors, strict=True))
-    return Table(np.clip(values, -1.0, 1.0), tuple(names), table.t), [*notes, f"thrusters: {said}"]
+    text = ", ".join(f"{'-' if s < 0 else ''}{n} by motor {r + 1}" for n, (r, s) in zip(names, rotors, strict=True))
+    return Table(np.clip(values, -1.0, 1.0), tuple(names), table.t), [*notes, f"thrusters: {text}"]
 
 
 def _rotors(parameters: dict[str, float], vehicle: Vehicle) -> tuple[list[tuple[int, float]], list[str]]:
