@@ -78,7 +78,7 @@ def watched(
     shortfall=None,
     ability=FINE,
     saturated=False,
-    expected=None,
+    desired_position=None,
 ):
     return SupervisorInput(
         at() if estimate is None else estimate,
@@ -88,7 +88,7 @@ def watched(
         jnp.zeros(6) if shortfall is None else jnp.asarray(shortfall),
         jnp.asarray(ability),
         jnp.broadcast_to(jnp.asarray(saturated), 6),
-        jnp.full(3, jnp.nan) if expected is None else jnp.asarray(expected),
+        jnp.full(3, jnp.nan) if desired_position is None else jnp.asarray(desired_position),
     )
 
 
@@ -285,7 +285,7 @@ def path(supervisor, places, expected, mode=MODE_RUNNING, std=0.01):
     """Mode after ticks at these places (n, 3) with set-points (n, 3)."""
     memory = begun(mode, supervisor=supervisor)
     for (x, y, z), place in zip(places, np.broadcast_to(expected, np.shape(places)), strict=True):
-        memory, mode, _ = go_on(memory, watched(estimate=at(std, x=x, y=y, z=z), expected=place), DT, supervisor)
+        memory, mode, _ = go_on(memory, watched(estimate=at(std, x=x, y=y, z=z), desired_position=place), DT, supervisor)
     return mode
 
 

@@ -133,7 +133,7 @@ def test_what_cannot_break_is_said(message):
 
 
 @pytest.mark.parametrize(
-    "said, setting",
+    "message, setting",
     [("has no floor", "sensors.altimeter=true"), ("there is none on board", "sensors.leak.rate_hz=2")],
 )
 def test_instruments_that_cannot_be_are_refused(message, setting):
@@ -165,7 +165,7 @@ def test_a_snagged_tether_holds_the_vehicle_back():
 
 
 @pytest.mark.parametrize(
-    "said, settings",
+    "message, settings",
     [
         ("no tether 'port' is connected; none is; set world.tethers", []),
         ("no tether 'left' is connected; there are port_tether, starboard_tether", ["world.tethers={}"]),
@@ -211,7 +211,7 @@ def test_energy_is_in_summary_and_report(drained, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "said, settings",
+    "message, settings",
     [
         ("set battery to true", ["sensors.battery=true"]),
         ("battery.charge: no battery 'left'; double_blueye has port, starboard", ["battery={charge: {left: 0.5}}"]),

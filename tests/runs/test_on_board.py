@@ -97,7 +97,7 @@ def test_a_scenario_silences_changes_and_adds():
 
 
 @pytest.mark.parametrize(
-    "settings, said",
+    "settings, message",
     [
         (["sensors.dvl_3.noise=1"], "sensors.dvl_3: there is none on board; expected one of position, pressure"),
         (["sensors.leak.noise=1"], "sensors.leak: there is none on board; set sensors.leak.on_board to true"),

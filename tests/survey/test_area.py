@@ -108,7 +108,7 @@ def test_bad_geojson_is_named(tmp_path, data, message):
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [
         ("outline: [[0, 0], [1, 0]]", "a.yaml: outline: found 2 values, expected 3"),
         ("outlin: [[0, 0], [1, 0], [1, 1]]", "a.yaml: outlin: no such key. Did you mean 'outline'"),

@@ -157,7 +157,7 @@ def test_a_long_corridor_is_no_area_of_many_lines():
 
 
 @pytest.mark.parametrize(
-    "make, said",
+    "make, message",
     [
         (lambda: Swath(0.0), "swath: found 0 m"),
         (lambda: Swath(float("nan")), "swath: found nan m"),

@@ -83,7 +83,7 @@ def test_an_edit_that_would_change_something_else_is_refused():
 
 
 @pytest.mark.parametrize(
-    "text, name, said",
+    "text, name, message",
     [
         (BLOCK, "r", "v.yaml: no part 'r': its parts are p, q."),
         ("name: a", "r", "v.yaml: no part 'r': it has no parts"),

@@ -72,7 +72,7 @@ def test_the_double_blueye_has_one_in_each_unit():
 
 
 @pytest.mark.parametrize(
-    "battery, said", [({"capacity_wh": 0}, "greater than 0"), ({}, "missing"), ({"capacity": 3}, "capacity_wh")]
+    "battery, message", [({"capacity_wh": 0}, "greater than 0"), ({}, "missing"), ({"capacity": 3}, "capacity_wh")]
 )
 def test_a_battery_that_cannot_be_is_refused(battery, message):
     with pytest.raises(ConfigError, match=message):

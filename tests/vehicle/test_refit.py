@@ -151,7 +151,7 @@ def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "asked, said",
+    "asked, message",
     [
         (("double_blue", "dvl_a50", [0, 0, 0]), "Did you mean 'double_blueye'"),
         (("double_blueye", "dvl_a5", [0, 0, 0]), "Did you mean 'dvl_a50'"),
