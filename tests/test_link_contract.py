@@ -129,7 +129,7 @@ def mavlink_rig() -> Rig:
     server = endpoint(tcp_port=None, rates=off, gain=1.0)
     vehicle = serving(server)
     served = vehicle.__enter__()
-    assert soon(lambda: bool(served.said))
+    assert soon(lambda: bool(served.messages))
     served.feed(0.0, measured(0.0))
     expected = off | {"ATTITUDE": 50.0, "SCALED_PRESSURE2": 50.0}
     link = MavlinkLink(f"udpout:127.0.0.1:{server.udp_port}", np.eye(6)[:, axes], rates=expected)
@@ -152,7 +152,7 @@ def mavlink_rig() -> Rig:
 
     def applied() -> np.ndarray:
         time.sleep(0.08)
-        command = served.wishes[-1] if served.wishes else None
+        command = served.commands[-1] if served.commands else None
         return np.array(command.motion)[axes] if command and command.armed else np.zeros(THRUSTERS)
 
     return Rig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))

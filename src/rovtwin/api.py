@@ -293,7 +293,7 @@ def track(log: str | Path, vehicle: VehicleLike, method: Any = "ekf", **recordin
         log: With the attitude; videos and the layout of markers lie beside it, if `recording` names no others.
         vehicle: That carries the cameras; see `load_vehicle`.
         method: `ekf`, `luenberger` or `smoother`.
-        recording: What differs, by the names of `runs.track.Wanted`.
+        recording: What differs, by the names of `runs.track.EngineConfig`.
 
     Returns:
         A log of the track, which `identify` reads as one with a position sensor.

@@ -19,13 +19,13 @@ def camera(live: bool, why: str = "") -> dict[str, Any]:
 def state(**changes: Any) -> dict[str, Any]:
     flow = {"phase": "go", "reason": "", "leg": [[0, 0, 3], [6, 0, 3]], "on_leg": True, "waypoint": 1, "count": 3}
     at = {"eta": [1, 0.1, 2.5, 0.1, 0.05, 0.2], "nu": [0.2, 0, 0, 0, 0, 0], "ellipse": [[0.04, 0.01], [0.01, 0.02]]}
-    wanted = {"reference": [1.1, 0, 3, 0, 0, 0], "setpoint": [6, 0, 3, 0, 0, 0], "to_go": 5.0}
+    expected = {"reference": [1.1, 0, 3, 0, 0, 0], "setpoint": [6, 0, 3, 0, 0, 0], "to_go": 5.0}
     actuators = {"u": [0.5, 1.0, -0.2, 0.1], "health": [1.0, 1.0, 0.6, 0.0]}
     sensors = {"altimeter": {"age": 0.1, "value": [2.5]}}
     sea = {"truth": [1.1, 0, 2.5, 0, 0, 0.2], "current": [0.1, 0.2, 0]}
     health = {"stage": "ready", "note": "", "armed": True, "arming": False, "stopped": False, "hung": False}
     parts = {"kind": "state", "t": 10.0, "link_age": 0.0, "sensors": sensors, "markers": []}
-    return {**parts, **flow, **at, **wanted, **actuators, **sea, **health, **changes}
+    return {**parts, **flow, **at, **expected, **actuators, **sea, **health, **changes}
 
 
 def plan(*points: tuple[float, float], flown: tuple[tuple[float, float], ...] = ()) -> dict[str, Any]:

@@ -80,13 +80,13 @@ def h264_over_rtsp(caller: socket.socket, grey: np.ndarray, ended: threading.Eve
         "PLAY": "Session: 1\r\n",
     }
     known = "Authorization: Basic " + base64.b64encode(USER.encode()).decode()
-    method, heard = "", b""
+    method, received = "", b""
     while method != "PLAY":
-        while b"\r\n\r\n" not in heard:
-            heard += (came := caller.recv(4096))
+        while b"\r\n\r\n" not in received:
+            received += (came := caller.recv(4096))
             if not came:
                 return
-        request, _, heard = heard.partition(b"\r\n\r\n")
+        request, _, received = received.partition(b"\r\n\r\n")
         lines = request.decode().split("\r\n")
         method, count = lines[0].split()[0], next(line for line in lines if line.startswith("CSeq:"))
         if known not in lines:

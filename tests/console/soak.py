@@ -110,9 +110,9 @@ def soak(minutes: float) -> dict:
                     if pages[0].evaluate("!['go', 'dive', 'turn', 'hold'].includes(rovtwin.last.state.phase)"):
                         pages[0].evaluate("rovtwin.send({do: 'start'})")
                     for i, page in enumerate(pages):
-                        told = page.evaluate(TAKE)
-                        ages["every view" if i == 0 else "without 3-D"] += told[0]
-                        pictures += told[1] if i == 0 else 0
+                        reported = page.evaluate(TAKE)
+                        ages["every view" if i == 0 else "without 3-D"] += reported[0]
+                        pictures += reported[1] if i == 0 else 0
                     row = {"minute": round((time.monotonic() - began) / 60, 1)}
                     row |= {name: round(resident(pid), 1) for name, pid in processes.items()}
                     row |= {"heap": [round(p.evaluate("performance.memory.usedJSHeapSize") / 1e6, 1) for p in pages]}

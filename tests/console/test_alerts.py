@@ -19,6 +19,6 @@ DEAD = {"position": {"age": 40.0, "value": [0, 0]}}
         ({"leak": {"age": None, "value": None}}, []),
     ],
 )
-def test_every_sensor_of_a_kind_counts(sensors, said):
+def test_every_sensor_of_a_kind_counts(sensors, message):
     state = messages.state(sensors=sensors, health=[1.0] * 4)
-    assert [alert["what"] for alert in alerts(state, messages.THRUSTERS)] == said
+    assert [alert["what"] for alert in alerts(state, messages.THRUSTERS)] == message

@@ -23,17 +23,17 @@ class FakeProcess:
     closed = 0
 
     def __init__(self, tested):
-        self._said = []
+        self._answers = []
 
     def ask(self, log, final):
         FakeProcess.asked.append((str(log.parent), final))
-        self._said = [{"seconds": 5.0, "quality": {"verdict": "good"}}, {}]
+        self._answers = [{"seconds": 5.0, "quality": {"verdict": "good"}}, {}]
 
     def answer(self, patience):
         if FakeProcess.dies:
             FakeProcess.dies -= 1
             raise EOFError
-        return self._said.pop(0)
+        return self._answers.pop(0)
 
     def close(self):
         FakeProcess.closed += 1
@@ -44,9 +44,9 @@ def looking(monkeypatch):
     """Of a test, with `folder(name)` for the log that its engine writes now."""
     monkeypatch.setattr(assessing, "AssessProcess", FakeProcess)
     FakeProcess.asked, FakeProcess.dies, FakeProcess.closed = [], 0, 0
-    client, told = SimpleNamespace(hung=False, last={"state": {}}), []
-    made = Assessing(SimpleNamespace(client=client, keep=lambda m: told.append(dict(m))), SCENARIO, VEHICLE)
-    made.folder, made.told, made.client = lambda name: client.last.update(state={"folder": name}), told, client
+    client, reported = SimpleNamespace(hung=False, last={"state": {}}), []
+    made = Assessing(SimpleNamespace(client=client, keep=lambda m: reported.append(dict(m))), SCENARIO, VEHICLE)
+    made.folder, made.news, made.client = lambda name: client.last.update(state={"folder": name}), reported, client
     return made
 
 
@@ -72,7 +72,7 @@ def test_log_is_looked_at_while_it_grows_and_once_as_a_whole(looking):
     looking.folder("")
     turns(looking, 3)
     assert FakeProcess.asked == [("runs/a", False)] * 2 + [("runs/a", True)]
-    last = looking.told[-1]
+    last = looking.news[-1]
     assert last["final"] and not last["busy"] and last["quality"] == {"verdict": "good"}
     assert shlex.split(last["command"])[:4] == ["rovtwin", "identify", "double_blueye", "runs/a/log.mcap"]
 
@@ -83,7 +83,7 @@ def test_next_test_waits_until_the_one_before_was_looked_at_as_a_whole(looking):
     looking.folder("runs/b")
     turns(looking, 2)
     assert FakeProcess.asked == [("runs/a", False), ("runs/a", True), ("runs/b", False)]
-    assert looking.told[-1]["folder"] == "runs/b" and not looking.told[-1]["final"]
+    assert looking.news[-1]["folder"] == "runs/b" and not looking.news[-1]["final"]
 
 
 def test_engine_that_is_gone_writes_no_more(looking):
@@ -100,14 +100,14 @@ def test_process_that_dies_at_the_whole_log_is_started_anew_but_not_for_ever(loo
     looking.folder("")
     FakeProcess.dies = 1
     turns(looking, 3)
-    assert FakeProcess.asked[1:] == [("runs/a", True)] * 2 and looking.told[-1]["error"] == ""
+    assert FakeProcess.asked[1:] == [("runs/a", True)] * 2 and looking.news[-1]["error"] == ""
     FakeProcess.asked, FakeProcess.dies = [], 100
     looking.folder("runs/b")
     turns(looking)
     looking.folder("")
     turns(looking, 5)
     assert FakeProcess.asked == [("runs/b", False), ("runs/b", True), ("runs/b", True)]
-    assert "ended, or was killed" in looking.told[-1]["error"] and not looking.told[-1]["busy"]
+    assert "ended, or was killed" in looking.news[-1]["error"] and not looking.news[-1]["busy"]
 
 
 def test_process_that_cannot_be_started_is_said(looking, monkeypatch):
@@ -117,7 +117,7 @@ def test_process_that_cannot_be_started_is_said(looking, monkeypatch):
     monkeypatch.setattr(assessing, "AssessProcess", none_left)
     looking.folder("runs/a")
     turns(looking)
-    assert "ended, or was killed" in looking.told[-1]["error"]
+    assert "ended, or was killed" in looking.news[-1]["error"]
 
 
 def test_process_ends_with_the_server(looking):

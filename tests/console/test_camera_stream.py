@@ -36,7 +36,7 @@ class FakeProcess:
 
 
 @pytest.fixture
-def told(monkeypatch):
+def reported(monkeypatch):
     """What pages were told: sights as they come, and what is kept for later ones."""
     monkeypatch.setattr(camera_stream, "PictureProcess", FakeProcess)
     monkeypatch.setattr(camera_stream, "REST", 0.2)
@@ -44,8 +44,8 @@ def told(monkeypatch):
     return {"sights": [], "kept": []}
 
 
-def stream(told, feed):
-    return Stream(feed, "", told["sights"].append, told["kept"].append)
+def stream(reported, feed):
+    return Stream(feed, "", reported["sights"].append, reported["kept"].append)
 
 
 async def look(stream, pictures):
@@ -60,9 +60,9 @@ async def look(stream, pictures):
     return taken
 
 
-def test_looking_costs_a_process_while_somebody_does_and_its_end_holds_nobody_up(told):
+def test_looking_costs_a_process_while_somebody_does_and_its_end_holds_nobody_up(reported):
     async def work():
-        one = stream(told, "")
+        one = stream(reported, "")
         assert await asyncio.gather(look(one, 3), look(one, 5)) == [3, 5]
         before, longest = time.monotonic(), 0.0
         while not FakeProcess.made[0].is_closed:
@@ -73,13 +73,13 @@ def test_looking_costs_a_process_while_somebody_does_and_its_end_holds_nobody_up
 
     ran(work())
     assert len(FakeProcess.made) == 2
-    assert told["kept"] == [{"kind": "camera", "live": True, "why": ""}]
-    assert told["sights"][0] == {"kind": "sight", "markers": [{"id": 7}], "picture": [8, 4]}
+    assert reported["kept"] == [{"kind": "camera", "live": True, "why": ""}]
+    assert reported["sights"][0] == {"kind": "sight", "markers": [{"id": 7}], "picture": [8, 4]}
 
 
-def test_who_comes_while_a_process_ends_gets_pictures_of_the_next(told):
+def test_who_comes_while_a_process_ends_gets_pictures_of_the_next(reported):
     async def work():
-        one = stream(told, "")
+        one = stream(reported, "")
         assert await look(one, 1) == 1
         await asyncio.sleep(0.5 * CLOSING)
         assert not FakeProcess.made[0].is_closed
@@ -89,9 +89,9 @@ def test_who_comes_while_a_process_ends_gets_pictures_of_the_next(told):
     assert len(FakeProcess.made) == 2
 
 
-def test_camera_that_fails_is_said_once_and_tried_again_ever_more_seldom(told):
+def test_camera_that_fails_is_said_once_and_tried_again_ever_more_seldom(reported):
     async def work():
-        one = stream(told, "no light")
+        one = stream(reported, "no light")
         begun = time.monotonic()
         times = []
         while len(times) < 3:
@@ -103,22 +103,22 @@ def test_camera_that_fails_is_said_once_and_tried_again_ever_more_seldom(told):
 
     first, second, third = ran(work())
     assert third - second > 1.5 * (second - first) > 0.2
-    assert [one["why"] for one in told["kept"]] == ["", "no light"] and told["sights"] == []
+    assert [one["why"] for one in reported["kept"]] == ["", "no light"] and reported["sights"] == []
 
 
-def test_process_that_cannot_be_started_is_said(told, monkeypatch):
+def test_process_that_cannot_be_started_is_said(reported, monkeypatch):
     def none_left(feed):
         raise OSError(11, "Resource temporarily unavailable")
 
     monkeypatch.setattr(camera_stream, "PictureProcess", none_left)
-    one = stream(told, "")
+    one = stream(reported, "")
     assert ran(look(one, 1)) == 0
-    assert one.rests and "Resource temporarily unavailable" in told["kept"][-1]["why"]
+    assert one.rests and "Resource temporarily unavailable" in reported["kept"][-1]["why"]
 
 
-def test_without_a_camera_it_says_what_to_do(told):
+def test_without_a_camera_it_says_what_to_do(reported):
     scenario, vehicle = load_scenario("lawnmower_calm"), load_vehicle("double_blueye")
     with pytest.raises(ConfigError, match="--camera rtsp://"):
         feed_of(scenario, vehicle, False, "ipc://nowhere", None)
-    one = Stream(None, "none", told["sights"].append, told["kept"].append)
-    assert one.rests and told["kept"] == [{"kind": "camera", "live": False, "why": "none"}]
+    one = Stream(None, "none", reported["sights"].append, reported["kept"].append)
+    assert one.rests and reported["kept"] == [{"kind": "camera", "live": False, "why": "none"}]

@@ -95,15 +95,15 @@ def test_a_drag_moves_a_way_point_and_a_refusal_puts_it_back(chart):
 
 def test_only_a_submitted_plan_is_drawn_as_flown(chart):
     page = chart()
-    told = messages.plan((0, 0), flown=SQUARE)
+    reported = messages.plan((0, 0), flown=SQUARE)
 
     def drawn_beside(plan):
         emit(page, plan)
         drawn(page)
         return page.evaluate(COLOUR, [*at(6, 3), "--plan"])  # midway between two that are flown, not drafted
 
-    assert drawn_beside(told)
-    assert not drawn_beside(told | {"submitted": False})
+    assert drawn_beside(reported)
+    assert not drawn_beside(reported | {"submitted": False})
 
 
 def test_delete_by_key_and_by_button(chart):

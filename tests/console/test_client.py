@@ -26,7 +26,7 @@ class Engine:
         self.news.bind(place.news)
         self.orders.bind(place.orders)
 
-    def heard(self):
+    def received(self):
         """The next order, and who gave it."""
         assert self.orders.poll(2000)
         who, text = self.orders.recv_multipart()
@@ -72,19 +72,19 @@ def with_client(tmp_path, test, news=lambda kind, text: None):
 
 def host(place, answers=True):
     """A link's host that hears STOP; what it heard."""
-    ear, heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), []
+    ear, received = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), []
     ear.bind(str(place / "stop"))
     ear.settimeout(2.0)
 
     def listen():
         text, sender = ear.recvfrom(64)
-        heard.append(time.monotonic())
+        received.append(time.monotonic())
         if answers:
             ear.sendto(text, sender)
 
     thread = threading.Thread(target=listen, daemon=True)
     thread.start()
-    return ear, thread, heard
+    return ear, thread, received
 
 
 @pytest.fixture(autouse=True)
@@ -94,11 +94,11 @@ def patient(monkeypatch):
 
 
 def test_stop_is_confirmed_by_the_host_and_told_to_the_engine(tmp_path):
-    ear, thread, heard = host(tmp_path)
+    ear, thread, received = host(tmp_path)
 
     async def test(client, engine):
-        assert await client.stop() and len(heard) == 1
-        assert engine.heard()[0]["do"] == "stop"
+        assert await client.stop() and len(received) == 1
+        assert engine.received()[0]["do"] == "stop"
 
     with ear:
         with_client(tmp_path, test)
@@ -142,7 +142,7 @@ def test_stop_without_a_host_is_no_error(tmp_path, left_over):
 
     async def test(client, engine):
         assert not await client.stop()
-        assert engine.heard()[0]["do"] == "stop"
+        assert engine.received()[0]["do"] == "stop"
 
     with_client(tmp_path, test)
 
@@ -153,7 +153,7 @@ def test_an_answer_is_heard_though_another_order_is_sent_as_it_comes(tmp_path):
     async def test(client, engine):
         asked = asyncio.create_task(client.ask("hold"))
         await asyncio.sleep(0.01)
-        order, who = engine.heard()
+        order, who = engine.received()
         engine.answer(who, id=order["id"], ok=True)
         time.sleep(0.05)  # it has come, and nobody has looked
         client.tell("alive")
@@ -165,11 +165,11 @@ def test_an_answer_is_heard_though_another_order_is_sent_as_it_comes(tmp_path):
 def test_what_a_browser_says_changes_neither_order_nor_time_nor_number(tmp_path):
     async def test(client, engine):
         client.tell("goto", **{"do": "abort", "sent": 1e18, "self": 1, "x": 2.0})
-        order, _ = engine.heard()
+        order, _ = engine.received()
         assert order["do"] == "goto" and order["x"] == 2.0 and abs(order["sent"] - time.monotonic()) < 1.0
         asked = asyncio.create_task(client.ask("goto", **{"self": 1, "id": 77, "do": "abort"}))
         await asyncio.sleep(0.01)
-        order, who = engine.heard()
+        order, who = engine.received()
         assert order["do"] == "goto" and order["id"] != 77
         engine.answer(who, id=order["id"], ok=False, error="no")
         with pytest.raises(LinkError, match="no"):

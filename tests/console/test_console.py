@@ -147,8 +147,8 @@ def test_killed_console_leaves_the_autopilot_flying_and_finds_it_again(page, ser
     os.kill(served.process.pid, signal.SIGKILL)
     served.process.wait()
     page.wait_for_function("() => document.querySelector('#fact-link').innerText === 'no server'")
-    told = states(served)
-    last = next(told)
+    reported = states(served)
+    last = next(reported)
     assert last["armed"] and last["pid"] == pid
     served.start_again()
     back = f"() => window.rovtwin?.last?.state?.pid === {pid} && rovtwin.last.state.armed"
@@ -258,13 +258,13 @@ def test_a_closed_tab_in_control_sets_off_the_operator_watchdog(page, browser, s
         ("\x00\x01", "the file"),
     ],
 )
-def test_malformed_file_changes_nothing(page, text, said):
+def test_malformed_file_changes_nothing(page, text, message):
     before = page.evaluate("rovtwin.last.plan.draft")
     page.set_input_files(
         "#mission-file", {"name": "mission.yaml", "mimeType": "text/yaml", "buffer": text.encode("utf-8")}
     )
     page.wait_for_function(
-        "said => [...document.querySelectorAll('.toast.danger')].some(t => t.innerText.includes(said))", arg=said
+        "said => [...document.querySelectorAll('.toast.danger')].some(t => t.innerText.includes(said))", arg=message
     )
     assert page.evaluate("rovtwin.last.plan.draft") == before
 
@@ -327,11 +327,11 @@ def test_ctrl_c_ends_all_with_a_page_open(page, served):
     """The last test: thrusters are off at once, and no page keeps the server from ending."""
     arm(page)
     assert order(page, "hold") == ""
-    told = states(served)
-    assert next(told)["armed"]
+    reported = states(served)
+    assert next(reported)["armed"]
     began = time.monotonic()
     served.process.send_signal(signal.SIGINT)
-    while next(told)["armed"]:
+    while next(reported)["armed"]:
         assert time.monotonic() - began < 1.0
     served.process.wait(15)
     assert not alive(served.place)

@@ -84,12 +84,12 @@ def test_flown_to_its_end_it_is_judged_estimated_and_can_be_identified(armed):
     cues = armed.evaluate("[...cues]")
     assert any(cue.startswith("TILT IT") and cue.endswith(",true") for cue in cues)
     assert any(cue.startswith("LET GO") for cue in cues)
-    told = "rovtwin.last.identify"
-    whole = f"folder => {told}?.folder === folder && {told}.final && !{told}.busy"
+    reported = "rovtwin.last.identify"
+    whole = f"folder => {reported}?.folder === folder && {reported}.final && !{reported}.busy"
     armed.wait_for_function(whole, arg=folder, timeout=LOOKED)
     found = armed.evaluate("rovtwin.last.identify")
     assert found["quality"]["verdict"] != "error" and found["quality"]["not_pushed"] == []
-    assert found["estimate"]["told"] > 40
+    assert found["estimate"]["informed"] > 40
     rows = {row["name"]: row for row in found["estimate"]["rows"]}
     assert rows["added_mass.surge"]["ratio"] < 0.9
     assert armed.locator("#identify tbody tr").count() > 10

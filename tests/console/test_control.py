@@ -25,18 +25,18 @@ def rights(now):
 
 
 def may(rights):
-    return [name for name in ("b1", "b2", "b3") if rights.told(name)["may"]]
+    return [name for name in ("b1", "b2", "b3") if rights.message(name)["may"]]
 
 
 def test_the_first_is_in_control_and_one_only(rights):
     assert may(rights) == ["b1"]
-    told = rights.told("b2")
-    assert told["in_control"] == "b1" and told["watchers"] == 2 and not told["may"]
+    reported = rights.message("b2")
+    assert reported["in_control"] == "b1" and reported["watchers"] == 2 and not reported["may"]
 
 
 def test_who_asks_waits_until_it_is_given(rights):
     assert "was asked" in rights.take("b2")
-    assert may(rights) == ["b1"] and rights.told("b1")["asked"] == "b2"
+    assert may(rights) == ["b1"] and rights.message("b1")["asked"] == "b2"
     rights.give("b2")  # not its to give
     assert may(rights) == ["b1"]
     rights.refuse("b2")
@@ -49,7 +49,7 @@ def test_who_is_refused_watches_on(rights):
     rights.take("b2")
     rights.refuse("b1")
     rights.give("b1")
-    assert may(rights) == [] and rights.told("b1")["in_control"] is None
+    assert may(rights) == [] and rights.message("b1")["in_control"] is None
     assert "now" in rights.take("b2") and may(rights) == ["b2"]
 
 
@@ -57,7 +57,7 @@ def test_a_page_that_is_loaded_anew_finds_its_control_again(rights, now):
     assert rights.leave("b1")
     now[0] += 0.5 * KEPT
     rights.come("b3")
-    assert rights.told("b3")["in_control"] is None and not rights.told("b3")["may"]
+    assert rights.message("b3")["in_control"] is None and not rights.message("b3")["may"]
     rights.come("b1")
     assert may(rights) == ["b1"]
 
@@ -93,21 +93,21 @@ def test_a_socket_that_lingers_beside_the_new_one_takes_nothing_along(rights):
     rights.come("b1")
     assert not rights.leave("b1")
     assert may(rights) == ["b1"]
-    assert rights.leave("b1") and rights.told("b2")["in_control"] is None
+    assert rights.leave("b1") and rights.message("b2")["in_control"] is None
 
 
 @pytest.mark.parametrize("after", [{"asked": None}, {"may": False, "in_control": "b2"}], ids=["left", "given"])
 def test_the_question_for_control_goes_with_its_reason(open_views, after):
     page = open_views("bar")
 
-    def told(**changes):
+    def dialogs(**changes):
         page.evaluate("message => window.emit(message)", messages.rights() | changes)
         return page.get_by_role("alertdialog").evaluate_all("boxes => boxes.map(box => box.ariaLabel)")
 
-    assert told(asked="b2") == ["b2 asks for control"]
-    assert told(asked="b2", watchers=3) == ["b2 asks for control"]
-    assert told(asked="b3") == ["b3 asks for control"]
+    assert dialogs(asked="b2") == ["b2 asks for control"]
+    assert dialogs(asked="b2", watchers=3) == ["b2 asks for control"]
+    assert dialogs(asked="b3") == ["b3 asks for control"]
     page.get_by_role("button", name="Give", exact=True).click()
     assert page.evaluate("window.sent") == [{"do": "give"}]
-    assert told(**{"asked": "b3"} | after) == []
-    assert told(asked="b3") == ["b3 asks for control"]  # anew
+    assert dialogs(**{"asked": "b3"} | after) == []
+    assert dialogs(asked="b3") == ["b3 asks for control"]  # anew

@@ -15,7 +15,7 @@ from rovtwin.console.engine import engine as module
 from rovtwin.console.engine import flights, ticker, vessel
 from rovtwin.console.engine.bridge import Bridge
 from rovtwin.console.engine.helm import Helm
-from rovtwin.console.engine.state import Changes, plan_told
+from rovtwin.console.engine.state import Changes, plan_message
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LogError
 from rovtwin.core.flow import Command
@@ -30,8 +30,8 @@ RESTING = {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0], "gives_up
 
 
 class FakeLink:
-    def __init__(self, told):
-        self._told, self.age, self.stopped, self.refused, self.stopped_at = told, 0.0, False, None, -np.inf
+    def __init__(self, reported):
+        self._calls, self.age, self.stopped, self.refused, self.stopped_at = reported, 0.0, False, None, -np.inf
         self.sent = 0
 
     def begin_arming(self, asked_at):
@@ -41,13 +41,13 @@ class FakeLink:
         self.sent += 1
 
     def stop(self):
-        self._told.append("stop")
+        self._calls.append("stop")
 
     def tell(self, order):
         pass
 
     def close(self):
-        self._told.append("close")
+        self._calls.append("close")
 
 
 class FakeHelm:
@@ -79,19 +79,19 @@ class FakeWatch:
         return {"kind": "watch", "armed": armed}
 
 
-class FakeYard:
+class FakeBuilder:
     """Has a vehicle ready as often as it is asked to begin."""
 
-    def __init__(self, wanted, speed, say):
-        self.clock, self.speed, self.told = Clock(speed), speed, []
+    def __init__(self, expected, speed, say):
+        self.clock, self.speed, self.calls = Clock(speed), speed, []
         self._made = self.step = None
 
     def begin(self):
-        link, ears = FakeLink(self.told), SimpleNamespace(read=list, drain=lambda: None, zero=0.0)
+        link, mux = FakeLink(self.calls), SimpleNamespace(read=list, drain=lambda: None, zero=0.0)
         composed = SimpleNamespace(sensor_names=["position"], thruster_names=["port"])
         readiness = SimpleNamespace(start=None, missing=())
         self._made = SimpleNamespace(
-            link=link, ears=ears, composed=composed, readiness=readiness, helm=FakeHelm(), close=link.close
+            link=link, mux=mux, composed=composed, readiness=readiness, helm=FakeHelm(), close=link.close
         )
         self._made.watch = FakeWatch()
 
@@ -143,7 +143,7 @@ class FakeFlight:
 @pytest.fixture
 def engine(monkeypatch):
     """An engine with a vehicle that was heard, not armed."""
-    monkeypatch.setattr(module, "SessionBuilder", FakeYard)
+    monkeypatch.setattr(module, "SessionBuilder", FakeBuilder)
     monkeypatch.setattr(module, "Publisher", FakeTeller)
     monkeypatch.setattr(module, "setup_of", lambda *_: {})
     monkeypatch.setattr(ticker, "flown", lambda *_: dict(RESTING))
@@ -151,10 +151,10 @@ def engine(monkeypatch):
     monkeypatch.setattr(module, "AGAIN", 0.0)
     monkeypatch.setattr(flights, "FlightLog", FakeFlight)
     scenario = SimpleNamespace(name="calm", control_dt=0.02, waypoints=[], origin=Datum(63.4, 10.4), test=None)
-    wanted = SimpleNamespace(scenario=scenario, is_twin=True, link="twin://", sensors=(), stop_at=None)
-    made = module.Engine(wanted, "ipc://nowhere")
+    expected = SimpleNamespace(scenario=scenario, is_twin=True, link="twin://", sensors=(), stop_at=None)
+    made = module.Engine(expected, "ipc://nowhere")
     monkeypatch.setattr(made, "scenario_with", lambda waypoints: scenario)
-    made._yard.begin()
+    made._builder.begin()
     turn(made)
     return made
 
@@ -186,19 +186,19 @@ def run(engine, turns):
     engine.run(lambda: None, wait)
 
 
-def said(engine, text):
-    return [level for level, found in engine._teller.events if text in found]
+def events_with(engine, text):
+    return [level for level, found in engine._publisher.events if text in found]
 
 
 def test_a_mistake_of_ours_ends_thrust_and_is_said_and_the_loop_goes_on(engine):
     armed(engine).vessel.helm.breaks = TypeError("a mistake of ours")
-    link, begin = engine.vessel.link, engine._yard.begin
+    link, begin = engine.vessel.link, engine._builder.begin
     sent = link.sent
-    engine._yard.begin = lambda: None  # the loop would make a vehicle anew
+    engine._builder.begin = lambda: None  # the loop would make a vehicle anew
     run(engine, 8)
-    assert engine._yard.told[-1] == "close" and link.sent == sent
-    assert not engine.switch.armed and said(engine, "TypeError: a mistake of ours") == ["danger"]
-    last = engine._teller.states[-1]
+    assert engine._builder.calls[-1] == "close" and link.sent == sent
+    assert not engine.switch.armed and events_with(engine, "TypeError: a mistake of ours") == ["danger"]
+    last = engine._publisher.states[-1]
     assert last["stage"] == "lost" and "a mistake of ours" in last["alerts"][0]["cause"]
     begin()
     engine.over = False
@@ -208,17 +208,17 @@ def test_a_mistake_of_ours_ends_thrust_and_is_said_and_the_loop_goes_on(engine):
 
 def test_a_vehicle_that_is_lost_as_it_is_taken_over_is_closed(engine):
     engine.reconnect()
-    told, taken = engine._yard.told, engine._yard._made
+    reported, taken = engine._builder.calls, engine._builder._made
 
     def lost():
         raise LinkError("no word from it")
 
-    taken.ears.drain = lost
-    told.clear()
-    begin, engine._yard.begin = engine._yard.begin, lambda: None
+    taken.mux.drain = lost
+    reported.clear()
+    begin, engine._builder.begin = engine._builder.begin, lambda: None
     run(engine, 2)
-    assert told == ["close"] and said(engine, "link lost: no word from it") == ["danger"]
-    engine._yard.begin, engine.over = begin, False
+    assert reported == ["close"] and events_with(engine, "link lost: no word from it") == ["danger"]
+    engine._builder.begin, engine.over = begin, False
 
 
 def test_what_has_changed_of_the_vehicle_is_an_event_an_alert_and_a_message(engine):
@@ -226,18 +226,18 @@ def test_what_has_changed_of_the_vehicle_is_an_event_an_alert_and_a_message(engi
     watch.coming, watch.names = ["surge drag +14 ± 3 % since the identification"], ["surge drag"]
     turn(engine)
     turn(engine)
-    assert said(engine, "surge drag +14 ± 3 %") == ["warning"]
-    (alert,) = engine._teller.states[-1]["alerts"]
+    assert events_with(engine, "surge drag +14 ± 3 %") == ["warning"]
+    (alert,) = engine._publisher.states[-1]["alerts"]
     assert alert["level"] == "warning" and alert["what"] == "changed: surge drag"
-    engine._plan_told = dict
-    engine._teller.again = True
+    engine._plan_message = dict
+    engine._publisher.again = True
     turn(engine)
-    assert engine._teller.states[-1] == {"kind": "watch", "armed": True}
+    assert engine._publisher.states[-1] == {"kind": "watch", "armed": True}
 
 
 def test_events_are_told_with_the_time_of_the_tick(engine):
     times = []
-    engine._teller.event = lambda level, text, t: times.append(t)
+    engine._publisher.event = lambda level, text, t: times.append(t)
     for _ in range(3):
         turn(engine)
         engine.event("info", "now")
@@ -250,16 +250,16 @@ def test_events_are_told_with_the_time_of_the_tick(engine):
 
 def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
     flight = armed(engine)._logbook._flight
-    order = engine._yard.told
+    order = engine._builder.calls
     flight.close = lambda ending: order.append("log")
 
     def lost():
         raise LinkError("no word from it")
 
-    engine.vessel.ears.read = lost
+    engine.vessel.mux.read = lost
     turn(engine)
     assert order[-2:] == ["close", "log"] and engine._stage == "lost"
-    assert said(engine, "link lost: no word from it") == ["danger"]
+    assert events_with(engine, "link lost: no word from it") == ["danger"]
 
 
 @pytest.mark.parametrize("error", [LogError("disk full"), OSError(28, "No space left"), ValueError("a mistake")])
@@ -270,7 +270,7 @@ def test_a_log_that_fails_in_flight_ends_no_flight(engine, error):
     turn(engine)
     turn(engine)
     assert engine.switch.armed and engine.vessel.link.sent >= sent + 2
-    assert said(engine, "flying on without a log") == ["danger"] and flight.endings == ["the log failed"]
+    assert events_with(engine, "flying on without a log") == ["danger"] and flight.endings == ["the log failed"]
     engine.stop()
     assert not engine.switch.armed and engine.switch.stopped
 
@@ -284,15 +284,15 @@ def test_without_room_for_a_log_nothing_is_armed(engine, monkeypatch):
     for _ in range(100):
         if engine.switch.arming:
             turn(engine)
-    assert not engine.switch.armed and not engine.switch.arming and engine._yard.told[-1] == "stop"
-    assert said(engine, "not armed: the flight cannot be logged") == ["danger"]
+    assert not engine.switch.armed and not engine.switch.arming and engine._builder.calls[-1] == "stop"
+    assert events_with(engine, "not armed: the flight cannot be logged") == ["danger"]
 
 
 def test_a_stop_that_went_past_us_is_noticed_while_time_stands_still(engine):
     armed(engine).run_at(None, False)
     engine.vessel.link.stopped_at = time.monotonic()
     turn(engine)
-    assert engine.switch.stopped and not engine.switch.armed and said(engine, "STOP") == ["danger"]
+    assert engine.switch.stopped and not engine.switch.armed and events_with(engine, "STOP") == ["danger"]
 
 
 def test_arming_comes_to_an_end_while_time_stands_still(engine):
@@ -351,10 +351,10 @@ def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
 def test_way_points_on_the_map_are_told_in_metres():
     """A console that took them for (0, 0, 0) would fly there once they are submitted."""
     datum = Datum(63.4, 10.4)
-    told = plan_told([Waypoint(geodetic=[63.401, 10.4, 3.0]), Waypoint(position=[1.0, 2.0, 3.0])], True, datum)
-    (north, east, down), metres = (row["position"] for row in told["waypoints"])
+    reported = plan_message([Waypoint(geodetic=[63.401, 10.4, 3.0]), Waypoint(position=[1.0, 2.0, 3.0])], True, datum)
+    (north, east, down), metres = (row["position"] for row in reported["waypoints"])
     assert north == pytest.approx(111.5, abs=1.0) and abs(east) < 0.1 and down == pytest.approx(3.0, abs=0.01)
-    assert metres == [1.0, 2.0, 3.0] and "geodetic" not in told["waypoints"][0]
+    assert metres == [1.0, 2.0, 3.0] and "geodetic" not in reported["waypoints"][0]
 
 
 class Plain:
@@ -370,7 +370,7 @@ class Plain:
     def arm(self, asked_at):
         self.asked.append(asked_at)
 
-    def operator_heard(self):
+    def note_operator(self):
         raise TypeError("a mistake of ours")
 
 

@@ -56,7 +56,7 @@ def desk(tmp_path, monkeypatch):
     return hub.Hub(Place(tmp_path), load_scenario("lawnmower_calm"))
 
 
-def said(page):
+def messages_of(page):
     """All that waits for a page."""
     texts = [json.loads(text) for text in page._texts]
     page._texts.clear()
@@ -65,9 +65,9 @@ def said(page):
 
 def obey(desk, page, text):
     """Give an order; the answer."""
-    said(page)
+    messages_of(page)
     ran(desk.obey(page, text if isinstance(text, str) else json.dumps(text)))
-    replies = [message for message in said(page) if message["kind"] == "reply"]
+    replies = [message for message in messages_of(page) if message["kind"] == "reply"]
     return replies[0] if replies else None
 
 
@@ -182,17 +182,17 @@ def test_a_flood_of_orders_is_answered_and_stop_among_them(desk, monkeypatch):
 
     async def flood():
         page = desk.come("b1")
-        said(page)
+        messages_of(page)
         orders = [{"id": i, "do": "plan", "op": "add", "x": float(i), "y": 0.0} for i in range(100)]
         tasks = [asyncio.create_task(desk.obey(page, json.dumps(order))) for order in orders]
         await asyncio.sleep(0.01)
         await desk.obey(page, '{"id": "stop", "do": "stop"}')
-        early = {reply["id"]: reply for reply in said(page) if reply["kind"] == "reply"}
+        early = {reply["id"]: reply for reply in messages_of(page) if reply["kind"] == "reply"}
         assert early["stop"]["ok"] and len(early) == 1 + 100 - hub.AT_ONCE
         assert all("wait already" in reply["error"] for number, reply in early.items() if number != "stop")
         checking.set()
         await asyncio.gather(*tasks)
-        late = [reply for reply in said(page) if reply["kind"] == "reply"]
+        late = [reply for reply in messages_of(page) if reply["kind"] == "reply"]
         assert len(late) == hub.AT_ONCE == len(desk.draft.rows) and all(reply["ok"] for reply in late)
         assert desk.client.did("check") <= 2
         desk._worker.close()
@@ -213,9 +213,9 @@ def test_an_order_that_waited_in_the_network_is_not_given(desk):
 
 
 def test_a_page_hears_first_of_the_pulse_and_who_it_is(desk):
-    told = said(desk.come("b1"))
-    assert told[0]["kind"] == "pulse" and abs(told[0]["at"] - time.monotonic()) < 1.0
-    assert next(message for message in told if message["kind"] == "rights")["you"] == "b1"
+    reported = messages_of(desk.come("b1"))
+    assert reported[0]["kind"] == "pulse" and abs(reported[0]["at"] - time.monotonic()) < 1.0
+    assert next(message for message in reported if message["kind"] == "rights")["you"] == "b1"
 
 
 def test_a_duplicated_tab_is_another_page(desk, monkeypatch):
@@ -237,7 +237,7 @@ def test_a_page_whose_network_was_lost_comes_back_as_itself(desk, monkeypatch):
     second = desk.come("b1")
     assert second.name == "b1" and first._over.is_set()
     desk.leave(first)
-    assert desk.rights.told("b1")["may"]
+    assert desk.rights.message("b1")["may"]
     assert obey(desk, second, {"id": 1, "do": "arm"})["ok"]
 
 
@@ -245,7 +245,7 @@ def test_a_page_that_takes_nothing_is_given_up(desk):
     page, other = desk.come("b1"), desk.come("b2")
     for _ in range(browser.WAITING + 1):
         desk.say("info", "one more")
-        said(other)
+        messages_of(other)
     assert page._over.is_set() and len(page._texts) <= browser.WAITING
     assert not other._over.is_set()
 
@@ -291,7 +291,7 @@ def serve(desk, socket, meanwhile=lambda: None):
 @pytest.mark.parametrize("error", [RuntimeError("closed already"), WebSocketDisconnect(1006)])
 def test_a_closed_page_leaves_nothing_behind(desk, error):
     assert serve(desk, FakeSocket(closes=error)) == 0
-    assert desk._browsers == [] and desk.rights.told("b1")["in_control"] is None
+    assert desk._browsers == [] and desk.rights.message("b1")["in_control"] is None
 
 
 def test_the_socket_of_a_page_that_takes_nothing_is_closed(desk):
@@ -368,7 +368,7 @@ def test_the_most_silent_page_gives_way_to_a_new_one(full):
 def test_nobody_in_control_is_said(desk):
     one, other = desk.come("b1"), desk.come("b2")
     desk.leave(one)
-    assert any("left, who was in control" in message.get("text", "") for message in said(other))
+    assert any("left, who was in control" in message.get("text", "") for message in messages_of(other))
 
 
 def test_a_plan_of_the_engine_with_holes_in_it_is_shown_as_far_as_it_goes(desk):

@@ -113,11 +113,11 @@ def test_what_it_says_in_words(hud):
 
 def test_the_bar_tells_of_a_mission_only_while_one_is_flown(open_views):
     page = open_views()
-    told = {}
+    reported = {}
     for phase in ("go", "paused", "piloted", "idle"):
         page.evaluate(BAR, messages.state(phase=phase, alerts=[], nis={}, running=True, progress=0.25))
-        told[phase] = page.inner_text("#fact-progress")
-    assert told == {"go": "2/3 · 25 %", "paused": "2/3 · 25 %", "piloted": "none", "idle": "none"}
+        reported[phase] = page.inner_text("#fact-progress")
+    assert reported == {"go": "2/3 · 25 %", "paused": "2/3 · 25 %", "piloted": "none", "idle": "none"}
 
 
 def test_the_bar_tells_of_every_sensor_of_a_kind(open_views):
@@ -138,7 +138,7 @@ def test_the_bar_says_when_time_goes_slower_than_was_asked_for(open_views):
     def emit(**state):
         page.evaluate("message => window.emit(message)", messages.state(running=True, alerts=[], nis={}, **state))
 
-    def told():
+    def time_fact():
         return page.inner_text("#fact-time"), page.locator("#fact-time").get_attribute("data-level")
 
     page.evaluate(BAR, messages.state(t=0.0, speed=4, running=True, alerts=[], nis={}))
@@ -146,10 +146,10 @@ def test_the_bar_says_when_time_goes_slower_than_was_asked_for(open_views):
         for k in range(51):
             page.evaluate("() => { ours += 40; }")
             emit(t=0.2 * k, speed=speed)
-        assert told() == text
+        assert time_fact() == text
     emit(t=10.0, speed=20, stage="lost")
-    assert told() == ("0:10 ×20", "")
+    assert time_fact() == ("0:10 ×20", "")
     emit(t=0.0, speed=20)
     page.evaluate("() => { ours += 1000; }")
     emit(t=0.2, speed=20)  # too early to say
-    assert told() == ("0:00 ×20", "")
+    assert time_fact() == ("0:00 ×20", "")

@@ -59,10 +59,14 @@ def test_start_and_abort_are_offered_when_they_can_be_obeyed(panel):
 
 def test_quality_and_estimate_are_shown_and_said_to_be_quick(panel):
     send(panel, **NEWS, final=False, quality=QUALITY)
-    told = panel.inner_text("#quality")
-    assert "do not use it so" in told and "depth 42 Hz (gap of 3.0 s)" in told and "Not pushed so far: heave." in told
+    reported = panel.inner_text("#quality")
+    assert (
+        "do not use it so" in reported
+        and "depth 42 Hz (gap of 3.0 s)" in reported
+        and "Not pushed so far: heave." in reported
+    )
     assert panel.is_hidden("#command")
-    send(panel, **NEWS, final=True, estimate={"rows": ROWS, "told": 2, "took": 3.0, "changes": 300})
+    send(panel, **NEWS, final=True, estimate={"rows": ROWS, "informed": 2, "took": 3.0, "changes": 300})
     assert "2 of 3 parameters" in panel.inner_text("#estimated")
     assert panel.locator("tbody th[scope=row]").all_inner_texts() == ["surge\nkg"]
     panel.check("#untold")
@@ -124,10 +128,10 @@ def test_process_looks_tells_and_ends(growing, tmp_path):
     try:
         for log, expected in ((tmp_path / "none" / "log.mcap", ["error"]), (growing, ["quality", "estimate"])):
             process.ask(log, log != growing)  # of a log that grows it is no error that there is nothing yet
-            told = []
+            reports = []
             while answer := process.answer(200.0):
-                told += [key for key in answer if key != "seconds"]
-            assert told == expected and answer == {}
+                reports += [key for key in answer if key != "seconds"]
+            assert reports == expected and answer == {}
     finally:
         process.close()
     assert not process._process.is_alive()

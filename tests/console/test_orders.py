@@ -60,8 +60,8 @@ def test_any_message_is_an_order_within_its_bounds_or_is_refused(message):
         ("stop", "expected an order"),
     ],
 )
-def test_what_is_no_order_is_refused_and_says_where(message, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_order_is_refused_and_says_where(message, expected_text):
+    with pytest.raises(ValueError, match=expected_text):
         orders.parse(message)
 
 

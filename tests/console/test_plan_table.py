@@ -21,8 +21,8 @@ def table(open_views):
 
     def opened(*points, **changes):
         page = open_views("plan")
-        told = messages.plan(*points, flown=points) | {"changed": False, "length": 4.0, "seconds": 20.0}
-        for message in (messages.state(), messages.rights(), told | changes):
+        reported = messages.plan(*points, flown=points) | {"changed": False, "length": 4.0, "seconds": 20.0}
+        for message in (messages.state(), messages.rights(), reported | changes):
             page.evaluate("message => window.emit(message)", message)
         return page
 

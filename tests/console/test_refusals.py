@@ -102,7 +102,7 @@ def test_an_order_for_missions_where_a_test_is_flown(ask, engine, do):  # noqa: 
 
 @pytest.mark.parametrize("do", ["pace", "inject"])
 def test_an_order_to_the_simulated_world_where_the_vehicle_is_real(ask, engine, do):  # noqa: F811
-    engine._wanted.is_twin = False
+    engine._config.is_twin = False
     refused(ask(do), "real vehicle")
 
 

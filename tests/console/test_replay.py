@@ -69,34 +69,36 @@ def test_reference_rate_is_the_slope_of_the_reference(recording):
 
 def test_what_sensors_read_has_its_unit(recording):
     """The depth that a pressure sensor tells is in metres; the console called it Pa."""
-    told = recording.setup()["readings"]
-    assert told["pressure"] == {"fields": ["depth"], "units": ["m"]}
-    assert told["position"] == {"fields": ["north", "east"], "units": ["m", "m"]}
-    assert told["attitude"]["units"] == ["rad"] * 3
-    assert told.keys() == set(recording.setup()["sensors"])
+    reported = recording.setup()["readings"]
+    assert reported["pressure"] == {"fields": ["depth"], "units": ["m"]}
+    assert reported["position"] == {"fields": ["north", "east"], "units": ["m", "m"]}
+    assert reported["attitude"]["units"] == ["rad"] * 3
+    assert reported.keys() == set(recording.setup()["sensors"])
 
 
 def test_sensors_are_as_old_as_they_were(recording):
     series = recording.log["sensor/position"]
     t = float(series.t[4]) + 0.3
-    told = recording.state(t)["sensors"]["position"]
-    assert told["age"] == pytest.approx(0.3)
-    np.testing.assert_array_equal(told["value"], series.values[4, :-1])
-    assert recording.state(0.0)["sensors"].keys() == SensorStatus(list(recording.readings)).told(0.0)["sensors"].keys()
+    reported = recording.state(t)["sensors"]["position"]
+    assert reported["age"] == pytest.approx(0.3)
+    np.testing.assert_array_equal(reported["value"], series.values[4, :-1])
+    assert (
+        recording.state(0.0)["sensors"].keys() == SensorStatus(list(recording.readings)).report(0.0)["sensors"].keys()
+    )
 
 
 def test_consistency_is_that_of_a_flight(recording):
     """The engine's own window over the same ticks, judged at the same full second."""
 
-    def told_by_the_filter(nis: Any, dof: Any) -> Any:
+    def reported_by_the_filter(nis: Any, dof: Any) -> Any:
         return SimpleNamespace(estimate=SimpleNamespace(nis=nis, nis_dof=dof))
 
     nis, dof = recording.log["autopilot/nis"], recording.log["autopilot/nis_dof"]
     engine = Consistency(list(nis.channel.fields))
     for t, n, d in zip(nis.t, nis.values, dof.values, strict=True):
         if t <= 25.0:
-            engine.take(t, told_by_the_filter(n, d))
-    expected, found = engine.told(25.0), recording.state(25.7)["nis"]
+            engine.take(t, reported_by_the_filter(n, d))
+    expected, found = engine.report(25.0), recording.state(25.7)["nis"]
     assert found.keys() == expected.keys() and found
     for name in found:
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-9)
@@ -277,7 +279,7 @@ def replaying(recording):
     return Replaying(recording, "short")
 
 
-async def heard(seat):
+async def waiting_messages(seat):
     """All that waits for a browser, by kind."""
     found = {}
     while True:
@@ -288,20 +290,20 @@ async def heard(seat):
         found[message["kind"]] = message
 
 
-async def told(replaying, seat, **order):
+async def answers_to(replaying, seat, **order):
     await replaying.obey(seat, json.dumps({"id": 1} | order))
-    return await heard(seat)
+    return await waiting_messages(seat)
 
 
 def test_each_browser_is_where_it_wants_to_be(replaying):
     async def look():
         one, other = replaying.come("a"), replaying.come("b")
-        first = await heard(one)
+        first = await waiting_messages(one)
         assert {"setup", "plan", "marks", "history", "state"} <= first.keys()
-        moved = await told(replaying, one, do="seek", t=20.0)
+        moved = await answers_to(replaying, one, do="seek", t=20.0)
         assert moved["state"]["t"] == 20.0 and moved["reply"]["ok"]
-        assert (await heard(other))["state"]["t"] == 0.0
-        assert (await told(replaying, one, do="seek", t=1e9))["state"]["t"] == replaying.recording.end
+        assert (await waiting_messages(other))["state"]["t"] == 0.0
+        assert (await answers_to(replaying, one, do="seek", t=1e9))["state"]["t"] == replaying.recording.end
         replaying.leave(one)
         replaying.leave(other)
 
@@ -322,8 +324,8 @@ def test_steps_go_from_sample_to_sample(replaying):
         ]
         for start, by, expected in steps:
             if start is not None:
-                await told(replaying, seat, do="seek", t=start)
-            assert (await told(replaying, seat, do="step", by=by))["state"]["t"] == pytest.approx(expected)
+                await answers_to(replaying, seat, do="seek", t=start)
+            assert (await answers_to(replaying, seat, do="step", by=by))["state"]["t"] == pytest.approx(expected)
 
     ran(look())
 
@@ -331,12 +333,12 @@ def test_steps_go_from_sample_to_sample(replaying):
 def test_it_plays_at_its_pace_and_ends_at_the_end(replaying):
     async def look():
         seat = replaying.come("a")
-        await told(replaying, seat, do="seek", t=replaying.recording.end - 2.0)
-        await told(replaying, seat, do="play", running=True, speed=20)
+        await answers_to(replaying, seat, do="seek", t=replaying.recording.end - 2.0)
+        await answers_to(replaying, seat, do="play", running=True, speed=20)
         await asyncio.sleep(0.3)
-        state = (await heard(seat))["state"]
+        state = (await waiting_messages(seat))["state"]
         assert state["t"] == pytest.approx(replaying.recording.end) and not state["running"]
-        again = await told(replaying, seat, do="play", running=True, speed=1)
+        again = await answers_to(replaying, seat, do="play", running=True, speed=1)
         assert again["state"]["t"] == replaying.recording.start, "from the end it begins again"
         replaying.leave(seat)
         assert not seat.running
@@ -349,7 +351,7 @@ def test_it_plays_at_its_pace_and_ends_at_the_end(replaying):
 )
 def test_nothing_else_can_be_ordered(replaying, order):
     async def look():
-        reply = (await told(replaying, replaying.come("a"), **order))["reply"]
+        reply = (await answers_to(replaying, replaying.come("a"), **order))["reply"]
         assert not reply["ok"] and reply["error"]
 
     ran(look())
@@ -359,14 +361,14 @@ def test_stop_reaches_what_flies_beside(recording, replaying):
     from rovtwin.console.web.replaying import Replaying
 
     async def look(one):
-        return (await told(one, one.come("a"), do="stop"))["reply"]
+        return (await answers_to(one, one.come("a"), do="stop"))["reply"]
 
     async def stop():
         pressed.append(1)
         return True
 
     pressed = []
-    assert ran(look(Replaying(recording, "", stop)))["said"] == "thrusters off"
+    assert ran(look(Replaying(recording, "", stop)))["message"] == "thrusters off"
     assert pressed == [1]
     assert "nothing flies" in ran(look(replaying))["error"]
 

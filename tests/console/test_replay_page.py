@@ -41,7 +41,7 @@ def page(browser, url):
     context = browser.new_context(viewport={"width": 1366, "height": 768})
     page, wrong = context.new_page(), []
     page.set_default_timeout(10_000)
-    page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("request", lambda asked: None if asked.url.startswith((url, "blob:", "data:")) else wrong.append(asked.url))
     page.wrong = wrong
@@ -133,8 +133,8 @@ def test_marks_and_events_lead_to_their_time(page):
 def test_nothing_can_be_ordered(page):
     assert page.locator("#stop").count() == 0, "nothing flies"
     assert not page.locator("#arm").is_visible()
-    said = page.evaluate("rovtwin.send({do: 'arm'}).then(() => '', error => error.message)")
-    assert "this is a replay" in said
+    text = page.evaluate("rovtwin.send({do: 'arm'}).then(() => '', error => error.message)")
+    assert "this is a replay" in text
     page.keyboard.press("Escape")
 
 

@@ -8,9 +8,9 @@ import pytest
 
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
+from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.flights import FlightLog
 from rovtwin.console.engine.manoeuvres import Manoeuvres
-from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.world import WorldLink
 from rovtwin.core.datum import datum_of
 from rovtwin.core.flow import PHASES, REASONS, Measurement
@@ -43,7 +43,7 @@ def composed(scenario):
 
 @pytest.fixture(scope="module")
 def helm(composed, scenario):
-    return TrialHelm(composed, scenario)
+    return ExperimentHelm(composed, scenario)
 
 
 class Standing(Clock):
@@ -57,15 +57,15 @@ class Standing(Clock):
 
 def test_operator_is_told_manoeuvre_remaining_time_and_what_to_do(scenario):
     test = Manoeuvres(scenario)
-    assert test.told()["cue"] == "Arm, then Start" and not test.told()["running"]
+    assert test.report()["cue"] == "Arm, then Start" and not test.report()["running"]
     laid_out = test.laid_out()
     assert [row["what"] for row in laid_out["manoeuvres"]] == ["steps surge", "release at 30, 0 deg"]
     assert laid_out["manoeuvres"][1]["start"] == 1.5 and laid_out["duration"] == 4.0
     test.begin()
     seen = {}
     for k in range(200):
-        said = [cue.text for cue in test.tick()]
-        seen[round(0.02 * k, 2)] = said, test.told()
+        texts = [cue.text for cue in test.tick()]
+        seen[round(0.02 * k, 2)] = texts, test.report()
     assert seen[0.0][1]["what"] == "steps surge +0.5"
     assert seen[1.2][1]["what"] == "settle" and seen[1.2][1]["manoeuvre"] == 0
     assert seen[1.2][1]["remaining"] == pytest.approx(0.3, abs=0.03)
@@ -73,7 +73,7 @@ def test_operator_is_told_manoeuvre_remaining_time_and_what_to_do(scenario):
     assert seen[2.5][0] == ["LET GO, hands away: release at 30, 0 deg, 1.5 s"]
     assert seen[3.9][1]["cue"].startswith("LET GO") and seen[3.9][1]["manoeuvre"] == 1
     test.end("finished")
-    assert test.told()["cue"] == "finished: thrusters are off" and not test.told()["hand"]
+    assert test.report()["cue"] == "finished: thrusters are off" and not test.report()["hand"]
 
 
 def test_hand_is_counted_down():
@@ -83,7 +83,7 @@ def test_hand_is_counted_down():
     cues = []
     for _ in range(round(8.5 / longer.control_dt)):
         test.tick()
-        cues.append(test.told()["cue"])
+        cues.append(test.report()["cue"])
     assert [cue[:10] for cue in dict.fromkeys(cues)] == [
         "TILT IT, t",
         "let go in ",
@@ -154,10 +154,10 @@ def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, c
     assert summary["completed"] and summary["test"]
     tilted = np.array(tilted)
     assert np.abs(tilted[:74]).max() < 5.0 and tilted[120:126].mean() == pytest.approx(30.0, abs=8.0)
-    told = Log.read(tmp_path / "run" / "log.mcap")
-    assert json.loads(told.metadata["test"])[2]["hand"] and told.metadata["live"] == "true"
-    assert datum_of(told.metadata).utc_start == "2026-05-01T12:00:00.250000Z"
-    assert abs(told["sensor/gyro"]["t_valid"][-1] - told["sensor/gyro"].t[-1]) < 0.1
+    reported = Log.read(tmp_path / "run" / "log.mcap")
+    assert json.loads(reported.metadata["test"])[2]["hand"] and reported.metadata["live"] == "true"
+    assert datum_of(reported.metadata).utc_start == "2026-05-01T12:00:00.250000Z"
+    assert abs(reported["sensor/gyro"]["t_valid"][-1] - reported["sensor/gyro"].t[-1]) < 0.1
     pull, release = read_records(tmp_path / "run" / "log.mcap", composed.vehicle)
     assert pull.duration == pytest.approx(1.5, abs=0.05)
     assert release.duration == pytest.approx(1.0, abs=0.05)  # half a second less: hands are slow

@@ -110,12 +110,12 @@ def test_the_truth_ends_each_tick_and_a_silenced_sensor_is_left_out():
 
 def test_stop_holds_until_it_is_armed_anew():
     link = world(0.0)
-    for do, told in ((lambda: None, 0.5), (link.stop, 0.0), (link.arm, 0.5)):
+    for do, reported in ((lambda: None, 0.5), (link.stop, 0.0), (link.arm, 0.5)):
         do()
         link.send(Command(np.full(2, 0.5)))
         link.tell(("pace", time.monotonic(), (link.tick + 1.5) * DT, 0.0))
         read_all(link)
-        assert link.u[-1] == [told, told]
+        assert link.u[-1] == [reported, reported]
     link.close()
     with pytest.raises(LinkError, match="closed"):
         link.arm()

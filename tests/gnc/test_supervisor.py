@@ -285,7 +285,9 @@ def path(supervisor, places, expected, mode=MODE_RUNNING, std=0.01):
     """Mode after ticks at these places (n, 3) with set-points (n, 3)."""
     memory = begun(mode, supervisor=supervisor)
     for (x, y, z), place in zip(places, np.broadcast_to(expected, np.shape(places)), strict=True):
-        memory, mode, _ = go_on(memory, watched(estimate=at(std, x=x, y=y, z=z), desired_position=place), DT, supervisor)
+        memory, mode, _ = go_on(
+            memory, watched(estimate=at(std, x=x, y=y, z=z), desired_position=place), DT, supervisor
+        )
     return mode
 
 

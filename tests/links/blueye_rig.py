@@ -36,24 +36,24 @@ class BlueyeRig:
             raise
 
     def _connect(self, double: bool, hosts: tuple[str, ...]) -> None:
-        assert wait_for(lambda: self._served.said, 20.0)
+        assert wait_for(lambda: self._served.messages, 20.0)
         # Messages of states would come once within the test, which looks for gaps.
         rates = {"ErrorFlagsTel": 0.0, "AltitudeTel": 100.0}
         options = {"clock": lambda: self.now, "timer": lambda: self.now, "rates": rates, "timeout": 20.0}
         self.link = DoubleBlueyeLink(hosts, **options) if double else BlueyeLink(hosts[0], **options)
         self.link.arm()
         self._links = self.link._links if isinstance(self.link, DoubleBlueyeLink) else (self.link,)
-        self._heard, self._sent = [0] * len(self._links), [0] * len(self._links)
+        self._received, self._sent = [0] * len(self._links), [0] * len(self._links)
         for i in range(len(self._links)):
             self._watch(i)
 
     def _watch(self, i: int) -> None:
         drone = self._links[i]._drone
 
-        def heard(name: str, payload: bytes) -> None:
-            self._heard[i] += 1
+        def on_message(name: str, payload: bytes) -> None:
+            self._received[i] += 1
 
-        drone.telemetry.add_msg_callback([bp.DepthTel, bp.AltitudeTel], heard, raw=True)
+        drone.telemetry.add_msg_callback([bp.DepthTel, bp.AltitudeTel], on_message, raw=True)
         send = drone.motion.send_thruster_setpoint
 
         def sent(*share: float) -> None:
@@ -71,7 +71,7 @@ class BlueyeRig:
                 batch.append(Measurement("altimeter", np.array([1.0 + self.now]), self.now))
             self._served.feed(self.now, batch)
             expected = self._k + self._k // SLOW
-            assert all(link._closed for link in self._links) or wait_for(lambda: min(self._heard) >= expected)  # noqa: B023
+            assert all(link._closed for link in self._links) or wait_for(lambda: min(self._received) >= expected)  # noqa: B023
 
     @staticmethod
     def _name(drone: str, sensor: str) -> str:
@@ -92,11 +92,13 @@ class BlueyeRig:
         return found[0]
 
     def _marked(self, drone: str) -> np.ndarray:
-        def wish():
-            return next((w for w in reversed(self._served.wishes) if w.drone == drone and w.lights == self._mark), None)
+        def command():
+            return next(
+                (w for w in reversed(self._served.commands) if w.drone == drone and w.lights == self._mark), None
+            )
 
-        assert wait_for(wish)
-        return np.array(wish().motion[:3])
+        assert wait_for(command)
+        return np.array(command().motion[:3])
 
     def done(self) -> None:
         self._end.close()

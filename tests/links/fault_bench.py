@@ -47,7 +47,7 @@ class Process:
         found = [line.split() for line in self.output.read_text().split("\n")[:-1]]
         return [words for words in found if len(words) > 1 and words[1] == word] if word else found
 
-    def told(self, word: str) -> float | None:
+    def reported(self, word: str) -> float | None:
         """When a word was last told [s, monotonic]."""
         found = self.lines(word)
         return float(found[-1][0]) if found else None
@@ -137,7 +137,7 @@ class Bench:
     def vehicle(self) -> Process:
         """The vehicle's process, started anew when it is gone."""
         if self._vehicle is None or not self._vehicle.alive():
-            arguments = [self.kind, str(self.told), str(self.vehicle_jump)]
+            arguments = [self.kind, str(self.reported), str(self.vehicle_jump)]
             self._vehicle = self._start("tests.links.fault_vehicle", arguments, {})
             vehicle = self._vehicle
             wait(lambda: vehicle.lines() or not vehicle.alive(), 60.0, "the vehicle is served")
@@ -188,7 +188,7 @@ class Bench:
     # --- what the vehicle's thrusters are commanded
 
     @property
-    def told(self) -> Path:
+    def reported(self) -> Path:
         return self.folder / "told"
 
     @property
@@ -201,7 +201,7 @@ class Bench:
 
     def commands(self) -> list[tuple[float, list[float]]]:
         """Changes of the command: time [s, monotonic] and motions of the drones, six each."""
-        text = self.told.read_text() if self.told.exists() else ""
+        text = self.reported.read_text() if self.reported.exists() else ""
         rows = [[float(word) for word in line.split()] for line in text.split("\n")[:-1]]
         return [(row[0], row[1:]) for row in rows]
 

@@ -141,9 +141,9 @@ def until_given_up(wire: str, fault: Fault, hold: float = 3.0) -> Callable[[Benc
     def run(made: Bench, pilot: Process) -> Outcome:
         made.wires[wire].set(fault)
         end = time.monotonic() + hold
-        while time.monotonic() < end and pilot.told("lost") is None:
+        while time.monotonic() < end and pilot.reported("lost") is None:
             time.sleep(0.01)
-        lost = pilot.told("lost")
+        lost = pilot.reported("lost")
         if lost is None:
             return _steered(made, pilot, LONG, 1.0)
         wait(made.resting, LONG, "the thrusters rest")
@@ -157,10 +157,10 @@ def until_given_up(wire: str, fault: Fault, hold: float = 3.0) -> Callable[[Benc
 
 def _obeyed(made: Bench, pilot: Process, share: float, lag: float) -> float:
     """How long a reversed command is under way [s]."""
-    told = pilot.say(f"steer {share}")
+    reported = pilot.say(f"steer {share}")
     wait(lambda: made.commands()[-1][1][0] * share > 0 or not pilot.alive(), LONG, "the reversed command arrives")
     assert pilot.alive(), f"the pilot gave up: {pilot.lines()[-2:]}"
-    late = next(t for t, values in made.commands() if t > told and values[0] * share > 0) - told
+    late = next(t for t, values in made.commands() if t > reported and values[0] * share > 0) - reported
     if late > lag:
         raise Slow(f"a command arrived after {late:.2f} s, expected {lag:.2f} s")
     return late
@@ -183,12 +183,12 @@ def _steered(made: Bench, pilot: Process, lag: float, hold: float = 1.5, share: 
 def _readings_in_order(pilot: Process, since: float) -> None:
     """Links hand readings on all the while, those of a sensor in order of time."""
 
-    def heard() -> list[list[str]]:
+    def received_of() -> list[list[str]]:
         return [line for line in pilot.lines("heard") if float(line[0]) > since]
 
     if pilot.lines("host"):
-        wait(lambda: sum(int(line[2]) for line in heard()) > 5, LONG, "readings go on coming")
-        assert int(heard()[-1][4]) == 0, "readings went backwards"
+        wait(lambda: sum(int(line[2]) for line in received_of()) > 5, LONG, "readings go on coming")
+        assert int(received_of()[-1][4]) == 0, "readings went backwards"
 
 
 # --- control is impossible
@@ -205,7 +205,7 @@ def cut(act: Callable[[Bench, Process], float | None], says: str = "", hold: flo
         assert rest is not None
         time.sleep(hold)
         assert made.rest_after(onset) == rest, "they turned again"
-        lost = pilot.told("lost")
+        lost = pilot.reported("lost")
         noticed = f"; the link says so after {max(0.0, lost - onset):.1f} s" if lost else ""
         if then is not None:
             noticed += f"; {then(made, pilot)}"
@@ -274,16 +274,18 @@ def physics_killed(made: Bench, pilot: Process) -> Outcome:
     onset = made.vehicle.kill()
     wait(lambda: not running(protocols), LONG, "the server ends")
     gone = time.monotonic() - onset
-    with made.told.open("a") as file:  # nobody is there to say it
+    with made.reported.open("a") as file:  # nobody is there to say it
         file.write(f"{onset} 0.0\n")
-    lost = wait(lambda: pilot.told("lost") or pilot.told("closed") or _deaf(pilot, onset), LONG, "the client notices")
+    lost = wait(
+        lambda: pilot.reported("lost") or pilot.reported("closed") or _deaf(pilot, onset), LONG, "the client notices"
+    )
     return Outcome(gone, f"the server ends with it; the client notices after {max(0.0, lost - onset):.1f} s")
 
 
 def _deaf(pilot: Process, onset: float) -> float | None:
     """When a pilot that says nothing of it has not heard anything for a second [s, monotonic]."""
-    heard = [float(line[0]) for line in pilot.lines("heard") if int(line[2])]
-    last = max(heard, default=onset)
+    received = [float(line[0]) for line in pilot.lines("heard") if int(line[2])]
+    last = max(received, default=onset)
     return last + 1.0 if time.monotonic() > last + 1.0 else None
 
 
@@ -355,8 +357,8 @@ def another(kind: str, where: str, says: str, *orders: str) -> Callable[[Bench, 
 
     def run(made: Bench, pilot: Process) -> Outcome:
         other = made.client(kind, where)
-        wait(lambda: other.told("open"), LONG, "the other client is connected")
-        onset = other.told("takes")  # when it begins to connect
+        wait(lambda: other.reported("open"), LONG, "the other client is connected")
+        onset = other.reported("takes")  # when it begins to connect
         for order in orders:
             onset = other.say(order)
         assert onset is not None
@@ -365,7 +367,7 @@ def another(kind: str, where: str, says: str, *orders: str) -> Callable[[Bench, 
         assert rest is not None
         time.sleep(1.5)
         assert made.resting(), "they turned again"
-        lost = pilot.told("lost")
+        lost = pilot.reported("lost")
         noticed = f"; the link says so after {max(0.0, lost - onset):.1f} s" if lost else ""
         other.say("close")
         other.process.wait(5.0)
@@ -379,7 +381,7 @@ def ignored(kind: str, where: str, says: str, *orders: str) -> Callable[[Bench, 
 
     def run(made: Bench, pilot: Process) -> Outcome:
         other = made.client(kind, where)
-        wait(lambda: other.told("open"), LONG, "the other client is connected")
+        wait(lambda: other.reported("open"), LONG, "the other client is connected")
         for order in orders:
             other.say(order)
         outcome = _steered(made, pilot, BUSY, 0.5)

@@ -61,20 +61,20 @@ class LinkPilot:
         self.link = HostedLink(Opener(where, JumpingClock(jump)), len(self._ahead))
         tell("host", self.link.pid)
         self.link.arm()
-        self.share, self._heard, self._told, self._last = SHARE, 0, 0.0, {}
+        self.share, self._received, self._reported_at, self._last = SHARE, 0, 0.0, {}
         self._backwards = 0
 
     def turn(self) -> None:
         for reading in self.link.read():
-            self._heard += reading.sensor == "pressure"
+            self._received += reading.sensor == "pressure"
             last = self._last.get(reading.sensor, -np.inf)
             self._backwards += last >= reading.t_valid > last - 1.0  # further back, a clock has jumped
             self._last[reading.sensor] = reading.t_valid
         self.link.send(Command(self.share * self._ahead))
-        if time.monotonic() - self._told > 0.05:
-            self._told = time.monotonic()
-            tell("heard", self._heard, round(self.link.age, 3), self._backwards)
-            self._heard = 0
+        if time.monotonic() - self._reported_at > 0.05:
+            self._reported_at = time.monotonic()
+            tell("heard", self._received, round(self.link.age, 3), self._backwards)
+            self._received = 0
 
     def stop(self) -> None:
         self.link.stop()

@@ -17,7 +17,7 @@ from tests.links.fault_clock import jump_in
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.live.serving.serve import serve
 
 BLUEYE_HOSTS, MAVLINK_HOST = ("127.0.0.30", "127.0.0.31"), "127.0.0.40"
@@ -31,24 +31,24 @@ class FaultVehicle:
 
     dt = 0.02
 
-    def __init__(self, drones: tuple[str, ...], told: Path, jump: Path):
+    def __init__(self, drones: tuple[str, ...], reported: Path, jump: Path):
         self.drones, self._jump = drones, jump
-        self._told = told.open("a")
+        self._sent = reported.open("a")
         self._tick, self._last = 0, None
 
     @property
     def now(self) -> float:
         return BEGIN + self._tick * self.dt + jump_in(self._jump)
 
-    def advance(self, wishes: dict[str, Wish]) -> list[Measurement]:
+    def advance(self, commands: dict[str, PilotCommand]) -> list[Measurement]:
         self._tick += 1
-        still = Wish()
-        obeyed = [wishes.get(drone, still) for drone in self.drones]
-        motion = tuple(m for wish in obeyed for m in (wish.motion if wish.armed else still.motion))
+        still = PilotCommand()
+        obeyed = [commands.get(drone, still) for drone in self.drones]
+        motion = tuple(m for command in obeyed for m in (command.motion if command.armed else still.motion))
         if motion != self._last:
             self._last = motion
-            self._told.write(f"{time.monotonic()} {' '.join(map(str, motion))}\n")
-            self._told.flush()
+            self._sent.write(f"{time.monotonic()} {' '.join(map(str, motion))}\n")
+            self._sent.flush()
         return [reading for drone in self.drones for reading in readings(self.now, drone)] + [
             Measurement("thrusters", np.array(motion), self.now)
         ]
@@ -64,8 +64,8 @@ def servers(kind: str) -> list:
     return [MavlinkServer(MAVLINK_HOST, ground_station="", udp_port=UDP, tcp_port=TCP)]
 
 
-def main(kind: str, told: str, jump: str) -> int:
-    vehicle = FaultVehicle(DRONES[kind], Path(told), Path(jump))
+def main(kind: str, reported: str, jump: str) -> int:
+    vehicle = FaultVehicle(DRONES[kind], Path(reported), Path(jump))
     parent = int(os.environ.get("FAULT_BENCH", os.getppid()))
     try:
         # Who started it may be killed: nobody must be left at these addresses.

@@ -163,13 +163,13 @@ def try_all(folder: Path, python: str, seconds: float, only: list[str], say=prin
 
 
 def _try(twin: Any, python: str, folder: Path, name: str, port: int, own: int, seconds: float) -> Tried:
-    before = len(twin.said)
+    before = len(twin.messages)
     provoked = threading.Timer(seconds / 2.0, _provoke, [own])
     if name == "telemetry_status_text":  # an ArduPilot that nobody asks for anything has nothing to say
         provoked.start()
     longest = seconds if name in ENDLESS else PATIENCE * seconds
     status, output = run_example(python, folder, name, f"udpin://0.0.0.0:{port}", longest)
-    return judged(name, status, output, twin.said[before:])
+    return judged(name, status, output, twin.messages[before:])
 
 
 def _provoke(own: int) -> None:

@@ -18,7 +18,7 @@ class FakeTransport(Transport):
     def __init__(self):
         self.dropped = 0
         self.published: list[tuple[str, Any]] = []
-        self.heard: dict[str, Callable[[Any], None]] = {}
+        self.subscribers: dict[str, Callable[[Any], None]] = {}
         self.closed = False
 
     def publish(self, topic: str, message: Any) -> None:
@@ -26,11 +26,11 @@ class FakeTransport(Transport):
             self.published.append((topic, message))
 
     def subscribe(self, topic: str, kind: type, callback: Callable[[Any], None], stream: bool = True) -> None:
-        self.heard[topic] = callback
+        self.subscribers[topic] = callback
 
     def deliver(self, topic: str, message: Any) -> None:
-        if topic in self.heard and not self.closed:
-            self.heard[topic](message)
+        if topic in self.subscribers and not self.closed:
+            self.subscribers[topic](message)
 
     def close(self) -> None:
         self.closed = True
@@ -62,6 +62,6 @@ class FakeVehicle:
     def applied(self) -> np.ndarray:
         self.settle()
         off = np.zeros(self.link._count)
-        said = dict(self.transport.published)  # the newest of each topic
-        armed = said.get("/rov/arm", msg.Bool(False)).data
-        return np.array(said["/rov/cmd_thrusters"].data) if armed else off
+        text = dict(self.transport.published)  # the newest of each topic
+        armed = text.get("/rov/arm", msg.Bool(False)).data
+        return np.array(text["/rov/cmd_thrusters"].data) if armed else off

@@ -6,19 +6,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rovtwin.core.flow import Measurement
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
-from rovtwin.links.wish import Wish
 
 
 class Served:
     """A running server and the vehicle it speaks for: `feed` is what the vehicle measures, `wishes` what is asked."""
 
     def __init__(self, drones: Sequence[str], speed: float):
-        self.wishes: list[Wish] = []
-        self.said: list[str] = []
+        self.commands: list[PilotCommand] = []
+        self.messages: list[str] = []
         self.loop = asyncio.new_event_loop()
-        self.station = Station(drones, self.wishes.append, self.said.append, speed)
+        self.station = Station(drones, self.commands.append, self.messages.append, speed)
 
     def feed(self, now: float, readings: list[Measurement]) -> None:
         self.call(lambda: self.station.feed(now, readings))

@@ -13,9 +13,9 @@ from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links import apart
 from rovtwin.links.apart import Protocols
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server, require_loopback
 from rovtwin.links.station import BACKLOG, Station
-from rovtwin.links.wish import Wish
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Echo(Server):
         station.say(f"echo of {', '.join(station.drones)} at {station.speed:g}, process {os.getpid()}")
         async for readings in station.readings():
             for reading in readings:
-                station.wish(Wish(station.drones[0], True, (float(reading.value[0]), 0, 0, 0, 0, 0)))
+                station.command(PilotCommand(station.drones[0], True, (float(reading.value[0]), 0, 0, 0, 0, 0)))
 
 
 @dataclass
@@ -62,16 +62,16 @@ def until(found, seconds=10.0):
 
 def test_readings_go_there_and_wishes_come_back_and_expire():
     with Protocols([Echo()], ["port", "starboard"], 2.0) as protocols:
-        assert until(protocols.said) == [f"echo of port, starboard at 2, process {protocols.pid}"]
+        assert until(protocols.messages) == [f"echo of port, starboard at 2, process {protocols.pid}"]
 
         def answer():
             protocols.feed(1.0, depth(0.25))
-            return protocols.wishes()
+            return protocols.commands()
 
-        assert until(answer)["port"] == Wish("port", True, (0.25, 0, 0, 0, 0, 0))
-        time.sleep(apart.WISH_LIFE + 0.05)
-        assert protocols.wishes() == {}
-    assert protocols.wishes() == {}
+        assert until(answer)["port"] == PilotCommand("port", True, (0.25, 0, 0, 0, 0, 0))
+        time.sleep(apart.PILOT_COMMAND_LIFE + 0.05)
+        assert protocols.commands() == {}
+    assert protocols.commands() == {}
     protocols.close()
 
 
@@ -81,17 +81,17 @@ def test_a_server_that_is_killed_or_hangs_wishes_nothing_and_does_not_hold_up_ph
 
         def answer():
             protocols.feed(1.0, depth(0.25))
-            return protocols.wishes()
+            return protocols.commands()
 
         until(answer)
         os.kill(protocols.pid, number)
         struck = time.monotonic()
         slowest = 0.0
-        while protocols.wishes():
+        while protocols.commands():
             began = time.monotonic()
             protocols.feed(1.0, depth(0.25) * 50)
             slowest = max(slowest, time.monotonic() - began)
-            assert time.monotonic() - struck < apart.WISH_LIFE + 0.2
+            assert time.monotonic() - struck < apart.PILOT_COMMAND_LIFE + 0.2
         for _ in range(2000):  # far more than a pipe holds
             began = time.monotonic()
             protocols.feed(1.0, depth(0.25) * 50)
@@ -100,7 +100,7 @@ def test_a_server_that_is_killed_or_hangs_wishes_nothing_and_does_not_hold_up_ph
         assert protocols.left_out > 0
         if number == signal.SIGKILL:
             with pytest.raises(LinkError, match="thrusters are off"):
-                until(lambda: protocols.said() and False)
+                until(lambda: protocols.messages() and False)
 
 
 def test_a_server_that_fails_says_why():
@@ -108,7 +108,7 @@ def test_a_server_that_fails_says_why():
         Protocols([Echo(fails="127.0.0.9:80: taken")], [""]) as protocols,
         pytest.raises(LinkError, match="taken"),
     ):
-        until(protocols.said)
+        until(protocols.messages)
 
 
 def test_nobody_but_this_machine_unless_it_is_wanted():
@@ -143,23 +143,23 @@ def test_a_listener_that_is_slow_loses_the_oldest_readings():
 
 def test_who_disarms_is_heard_when_two_servers_speak_for_one_drone():
     protocols = Protocols.__new__(Protocols)
-    protocols._wishes = {}
-    protocols._hear(10.0, Wish("", True))
-    protocols._hear(10.1, Wish("", False))
-    protocols._hear(10.15, Wish("", True))
-    assert not protocols._wishes[""][1].armed
-    protocols._hear(10.1 + apart.WISH_LIFE + 0.01, Wish("", True))
-    assert protocols._wishes[""][1].armed
+    protocols._commands = {}
+    protocols._hear(10.0, PilotCommand("", True))
+    protocols._hear(10.1, PilotCommand("", False))
+    protocols._hear(10.15, PilotCommand("", True))
+    assert not protocols._commands[""][1].armed
+    protocols._hear(10.1 + apart.PILOT_COMMAND_LIFE + 0.01, PilotCommand("", True))
+    assert protocols._commands[""][1].armed
 
 
 def test_what_a_client_is_called_does_not_steer_the_users_terminal():
-    said = []
-    Station(say=said.append).say("client \x1b[2J\x1b]0;owned\x07 is in control\n")
-    assert said == ["client ?[2J?]0;owned? is in control?"]
+    texts = []
+    Station(say=texts.append).say("client \x1b[2J\x1b]0;owned\x07 is in control\n")
+    assert texts == ["client ?[2J?]0;owned? is in control?"]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_wish_that_is_no_number_is_none(bad):
-    wish = Wish(motion=(bad, 0.5, 7.0, -7.0, 0.0, bad), target=(0.0, bad, 0.0, 0.0), lights=bad)
-    assert wish.motion == (0.0, 0.5, 1.0, -1.0, 0.0, 0.0)
-    assert wish.target is None and wish.lights == 0.0
+    command = PilotCommand(motion=(bad, 0.5, 7.0, -7.0, 0.0, bad), target=(0.0, bad, 0.0, 0.0), lights=bad)
+    assert command.motion == (0.0, 0.5, 1.0, -1.0, 0.0, 0.0)
+    assert command.target is None and command.lights == 0.0

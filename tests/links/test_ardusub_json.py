@@ -182,15 +182,15 @@ def test_counter_that_jumps_back_is_a_reset(running, back_to):
 
 def test_a_firmware_that_flew_before_gets_no_answer_until_it_is_started_anew():
     """As after kill -9 of these physics, which would go on from their own beginning under an armed firmware."""
-    physics, said = Physics(), []
-    server = Lockstep(physics.advance, physics.reset, port=0, say=said.append)
+    physics, text = Physics(), []
+    server = Lockstep(physics.advance, physics.reset, port=0, say=text.append)
     firmware = Firmware(server.port)
     try:
         for _ in range(3):
             firmware.send(83_211, (1900,) * 16)
             assert not server.serve_one()
         assert firmware.quiet() and physics.seen == [] and server.counts.under_way == 3
-        assert len(said) == 1 and "at its frame 83211, expected 0" in said[0] and "start it anew" in said[0]
+        assert len(text) == 1 and "at its frame 83211, expected 0" in text[0] and "start it anew" in text[0]
         firmware.send(0)
         assert server.serve_one() and firmware.answer()["timestamp"][0] == pytest.approx(1 / RATE)
     finally:

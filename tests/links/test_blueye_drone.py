@@ -22,14 +22,22 @@ def flown(drone) -> Drone:
     assert drone.connect(Client(), HERE, 0.0) == 1
     for control in (Watchdog(1), AHEAD, Mode("auto_depth", True), Lights(0.5)):
         drone.obey(control, HERE, 0.0)
-    wish = drone.wish()
-    assert wish.armed and wish.motion == AHEAD.share and wish.hold_depth and wish.lights == 0.5 and wish.drone == "port"
+    command = drone.command()
+    assert (
+        command.armed
+        and command.motion == AHEAD.share
+        and command.hold_depth
+        and command.lights == 0.5
+        and command.drone == "port"
+    )
     return drone
 
 
 def still(drone: Drone) -> bool:
-    wish = drone.wish()
-    return not (wish.armed or any(wish.motion) or wish.hold_depth or wish.hold_heading or wish.hold_position)
+    command = drone.command()
+    return not (
+        command.armed or any(command.motion) or command.hold_depth or command.hold_heading or command.hold_position
+    )
 
 
 def test_nothing_moves_without_a_client(drone):
@@ -43,23 +51,23 @@ def test_nothing_moves_before_the_watchdog(drone):
     drone.obey(AHEAD, HERE, 0.0)
     assert still(drone)
     drone.obey(Watchdog(1), HERE, 0.5)
-    assert drone.wish().motion == AHEAD.share
+    assert drone.command().motion == AHEAD.share
 
 
 def test_motion_holds_while_the_watchdog_is_fed(flown):
     for t in range(1, 100):
         flown.obey(Watchdog(1), HERE, float(t))
         assert not flown.look(t + 0.9)
-    assert flown.wish().motion == AHEAD.share
+    assert flown.command().motion == AHEAD.share
 
 
 def test_watchdog_stops_everything_and_all_has_to_be_asked_for_again(flown):
     assert not flown.look(2.0)
     assert "silent" in flown.look(2.01)
-    assert still(flown) and flown.wish().lights == 0.0
+    assert still(flown) and flown.command().lights == 0.0
     flown.obey(Watchdog(1), HERE, 3.0)
     flown.obey(Watchdog(1), HERE, 4.0)
-    assert flown.wish().armed and not any(flown.wish().motion) and not flown.wish().hold_depth
+    assert flown.command().armed and not any(flown.command().motion) and not flown.command().hold_depth
 
 
 @pytest.mark.parametrize("looked", [True, False], ids=["looked at meanwhile", "backlog first"])
@@ -75,7 +83,7 @@ def test_backlog_of_a_dead_client_turns_nothing(flown, looked):
     flown.look(20.0)
     flown.connect(Client(), HERE, 20.0)
     flown.obey(Watchdog(2), HERE, 20.1)
-    assert flown.wish().armed and not any(flown.wish().motion), "what the dead one wished is forgotten"
+    assert flown.command().armed and not any(flown.command().motion), "what the dead one wished is forgotten"
 
 
 def test_living_client_goes_on_by_itself_after_an_outage(flown):
@@ -86,9 +94,9 @@ def test_living_client_goes_on_by_itself_after_an_outage(flown):
     flown.obey(Watchdog(1), HERE, 3.4)
     assert still(flown)
     flown.obey(Watchdog(1), HERE, 4.4)
-    assert flown.wish().armed and flown.wish().motion == AHEAD.share
+    assert flown.command().armed and flown.command().motion == AHEAD.share
     flown.obey(Watchdog(1), HERE, 5.4)
-    assert flown.wish().armed
+    assert flown.command().armed
 
 
 def test_two_backlogs_apart_are_no_life(flown):
@@ -107,13 +115,13 @@ def test_observers_watchdog_feeds_nobody_else(flown):
 
 def test_second_client_waits_and_gets_control_when_the_first_leaves(flown):
     assert flown.connect(Client(), HERE, 0.1) == 2
-    assert flown.clients.in_control == 1 and flown.wish().armed
+    assert flown.clients.in_control == 1 and flown.command().armed
     flown.disconnect(1)
     assert flown.clients.in_control == 2 and still(flown)
     flown.obey(Watchdog(1), HERE, 0.2)
     assert still(flown), "who left arms nobody"
     flown.obey(Watchdog(2), HERE, 0.2)
-    assert flown.wish().armed and not any(flown.wish().motion)
+    assert flown.command().armed and not any(flown.command().motion)
 
 
 def test_observer_never_gets_control(flown):
@@ -144,7 +152,7 @@ def test_commands_from_another_computer_than_the_pilots(flown):
     flown.connect(Client(), "10.0.0.2", 0.0)
     flown.obey(Motion(), "10.0.0.2", 0.1)
     flown.obey(Mode("auto_depth", False), "10.0.0.2", 0.1)
-    assert flown.wish().motion == AHEAD.share and flown.wish().hold_depth and flown.dropped == 2
+    assert flown.command().motion == AHEAD.share and flown.command().hold_depth and flown.dropped == 2
 
 
 def test_clients_without_end(drone):
@@ -164,9 +172,9 @@ def test_modes_that_the_twin_lacks_stay_off(flown, name):
 
 def test_station_keeping_needs_positions(flown):
     flown.obey(Mode("station_keeping", True), HERE, 0.1)
-    assert not flown.wish().hold_position
+    assert not flown.command().hold_position
     flown.can_keep_position = True
     flown.obey(Mode("station_keeping", True), HERE, 0.1)
-    assert flown.wish().hold_position
+    assert flown.command().hold_position
     flown.obey(Mode("station_keeping", False), HERE, 0.1)
-    assert not flown.wish().hold_position
+    assert not flown.command().hold_position

@@ -44,7 +44,7 @@ def vehicle(*hosts: str, drones=("",), **options) -> Iterator[Served]:
     with serving(
         BlueyeServer(hosts=hosts or (PORT,), http_port=HTTP, datum=Datum(), **options), drones=drones
     ) as served:
-        assert wait_for(lambda: served.said)
+        assert wait_for(lambda: served.messages)
         try:
             yield served
         finally:
@@ -92,12 +92,12 @@ def command(*u: float) -> Command:
 
 
 def newest(served: Served, drone: str = ""):
-    return next((w for w in reversed(served.wishes) if w.drone == drone), None)
+    return next((w for w in reversed(served.commands) if w.drone == drone), None)
 
 
 def motion(served: Served, drone: str = "") -> tuple[float, ...]:
-    wish = newest(served, drone)
-    return tuple(wish.motion) if wish and wish.armed else (0.0,) * 6
+    command = newest(served, drone)
+    return tuple(command.motion) if command and command.armed else (0.0,) * 6
 
 
 # One drone
@@ -143,8 +143,8 @@ def test_nothing_is_taken_or_moved_before_arming(served):
         link.close()
         wait_for_farewells()
         assert motion(served)[0] == 0.5 and newest(served).hold_depth and newest(served).armed
-        told = [w.motion[0] for w in served.wishes if w.armed and w.hold_depth]
-        assert set(told) == {0.5}
+        reports = [w.motion[0] for w in served.commands if w.armed and w.hold_depth]
+        assert set(reports) == {0.5}
     pilot.disconnect()
 
 
@@ -152,7 +152,7 @@ def test_a_free_drone_stays_free_until_armed(served):
     with closing(BlueyeLink(PORT)) as link, feeding(served):
         link.send(command(1.0, 0.0, 0.0))
         time.sleep(1.2)
-        assert served.wishes == [] and "nobody is in control" in served.said[-1]
+        assert served.commands == [] and "nobody is in control" in served.messages[-1]
         start = time.monotonic()
         link.arm()
         link.arm()
@@ -162,7 +162,7 @@ def test_a_free_drone_stays_free_until_armed(served):
         link.send(command(0.5, 0.0, 0.0))
         assert wait_for(lambda: motion(served)[0] == 0.5)
         link.read()
-        assert wait_for(lambda: "1 clients" in served.said[-1]), "the observer has left"
+        assert wait_for(lambda: "1 clients" in served.messages[-1]), "the observer has left"
         assert wait_for(lambda: "pressure" in {r.sensor for r in link.read()}), "still heard"
 
 
@@ -173,7 +173,7 @@ def test_a_link_that_was_stopped_or_closed_is_not_armed(served):
         end()
         with pytest.raises(LinkError, match="stopped or closed"):
             link.arm()
-    assert served.wishes == []
+    assert served.commands == []
 
 
 def test_times_are_those_of_arrival_on_the_given_clock(served):
@@ -210,14 +210,14 @@ def test_send_returns_at_once_and_wrong_shapes_stop(served):
 def test_controllers_of_the_drone_stay_off(served):
     with closing(armed(PORT)) as link, feeding(served):
         assert wait_for(lambda: newest(served) and newest(served).armed, 0.8), "armed before the SDK does it"
-        told: list[tuple[bool, bool]] = []
+        reports: list[tuple[bool, bool]] = []
         link._drone.telemetry.add_msg_callback(
-            [bp.ControlModeTel], lambda name, tel: told.append((tel.state.auto_depth, tel.state.auto_heading))
+            [bp.ControlModeTel], lambda name, tel: reports.append((tel.state.auto_depth, tel.state.auto_heading))
         )
         link._drone.motion.enable_auto_depth(True)
         link._drone.motion.enable_auto_heading(True)
-        assert wait_for(lambda: any(depth for depth, _ in told) and any(heading for _, heading in told))
-        assert wait_for(lambda: told[-1] == (False, False), 1.0)
+        assert wait_for(lambda: any(depth for depth, _ in reports) and any(heading for _, heading in reports))
+        assert wait_for(lambda: reports[-1] == (False, False), 1.0)
         # Telemetry says so first; the vehicle gets it with the next wish, 10 to 50 ms later.
         assert wait_for(lambda: not newest(served).hold_depth and not newest(served).hold_heading, 0.5)
 
@@ -377,7 +377,7 @@ def test_closing_stops_and_lets_go(served):
     link.close()
     assert time.perf_counter() - start < 0.05
     assert wait_for(lambda: not newest(served).armed, 1.0)
-    assert wait_for(lambda: "nobody is in control" in served.said[-1], 1.0)
+    assert wait_for(lambda: "nobody is in control" in served.messages[-1], 1.0)
 
 
 PILOT = """
@@ -413,7 +413,7 @@ def test_client_that_is_killed_thrusts_no_longer_than_the_watchdog(served):
 def two() -> Iterator[tuple[Served, Served]]:
     """Two drones with processes of their own, as real ones have."""
     with vehicle(PORT) as port, serving(BlueyeServer(hosts=(STARBOARD,), http_port=HTTP)) as starboard:
-        assert wait_for(lambda: starboard.said)
+        assert wait_for(lambda: starboard.messages)
         # The proxy stands at one of them, and knows both only if they are one server's.
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("requests.get", _past_the_proxy)
@@ -493,7 +493,7 @@ def test_command_that_is_half_a_number_stops_both():
 def test_one_of_two_cannot_be_reached(served):
     with pytest.raises(LinkError, match=STARBOARD):
         DoubleBlueyeLink((PORT, STARBOARD), timeout=3.0)
-    assert wait_for(lambda: "nobody is in control" in served.said[-1]), "the other one is let go"
+    assert wait_for(lambda: "nobody is in control" in served.messages[-1]), "the other one is let go"
 
 
 def test_one_of_two_refuses_to_be_armed():
@@ -506,7 +506,7 @@ def test_one_of_two_refuses_to_be_armed():
             assert time.monotonic() - start < 8.0
             link.send(command(*[0.5] * 6))
             time.sleep(0.3)
-            assert not any(any(w.motion) for w in served.wishes), "half a vehicle does not start"
+            assert not any(any(w.motion) for w in served.commands), "half a vehicle does not start"
         pilot.disconnect()
 
 

@@ -465,7 +465,7 @@ def drone() -> Drone:
     drone.fly(Here(0.0, (0.0, 0.0), 1.0, 0.0, 11.0))
     drone.mission.load(mission(waypoint(10.0, 0.0, 1.0)), ABLE)
     drone.obey(MissionOrder("run"), HOST, 0.1)
-    assert drone.wish().target is not None
+    assert drone.command().target is not None
     return drone
 
 
@@ -473,7 +473,7 @@ def test_pilots_stick_pauses_the_mission_and_the_vehicle_holds(drone):
     drone.obey(Motion((0.0,) * 6), HOST, 0.2)  # as the SDK sends it when it connects
     assert drone.mission.state == m.RUNNING
     drone.obey(Motion((0.0, 0.0, 0.3, 0.0, 0.0, 0.0)), HOST, 0.3)
-    order = drone.wish()
+    order = drone.command()
     assert drone.mission.state == m.PAUSED and order.target is None and order.motion[2] == 0.3
     assert order.hold_depth and order.hold_heading and order.hold_position
 
@@ -481,7 +481,7 @@ def test_pilots_stick_pauses_the_mission_and_the_vehicle_holds(drone):
 def test_sticks_move_with_the_target(drone):
     """Turned to the north-east, a target that moves north is ahead and to port."""
     drone.fly(Here(0.1, (0.0, 0.0), 1.0, math.pi / 4, 11.0))
-    order = drone.wish()
+    order = drone.command()
     speed = 0.6 * math.cos(math.pi / 4)  # as far as it faces where it goes
     share = speed * math.cos(math.pi / 4) / 0.5
     assert order.motion == pytest.approx((share, -share, 0.0, 0.0, 0.0, 0.0)) and order.target[0] == pytest.approx(
@@ -491,17 +491,17 @@ def test_sticks_move_with_the_target(drone):
 
 def test_watchdog_that_runs_out_ends_the_mission(drone):
     assert drone.look(3.0)
-    assert drone.mission.state == m.ABORTED and not drone.wish().armed and drone.wish().target is None
+    assert drone.mission.state == m.ABORTED and not drone.command().armed and drone.command().target is None
     drone.obey(Watchdog(1), HOST, 4.0)
     drone.obey(Watchdog(1), HOST, 5.0)
-    assert drone.wish().armed and drone.wish().target is None and not drone.modes
+    assert drone.command().armed and drone.command().target is None and not drone.modes
 
 
 def test_control_that_changes_hands_ends_the_mission(drone):
     drone.connect(Client(), "10.0.0.2", 0.2)
     drone.disconnect(1)
     drone.obey(Watchdog(2), "10.0.0.2", 0.3)
-    assert drone.mission.state == m.ABORTED and drone.wish().armed and drone.wish().target is None
+    assert drone.mission.state == m.ABORTED and drone.command().armed and drone.command().target is None
 
 
 def test_nobody_but_the_pilot_starts_a_mission(drone):
@@ -552,7 +552,7 @@ def test_next_pilot_does_not_start_the_mission_of_the_one_before(drone):
     assert "changed hands" in drone.mission.notes[-1].text
     drone.obey(Watchdog(2), "10.0.0.2", 0.3)
     drone.obey(MissionOrder("run"), "10.0.0.2", 0.4)
-    assert drone.wish().armed and drone.wish().target is None
+    assert drone.command().armed and drone.command().target is None
 
 
 def test_mission_that_comes_before_the_first_watchdog_starts_with_it():
@@ -564,7 +564,7 @@ def test_mission_that_comes_before_the_first_watchdog_starts_with_it():
     drone.obey(MissionOrder("run"), HOST, 0.1)
     assert drone.mission.state == m.READY
     drone.obey(Watchdog(1), HOST, 1.0)
-    assert drone.mission.state == m.RUNNING and drone.wish().target is not None
+    assert drone.mission.state == m.RUNNING and drone.command().target is not None
 
 
 def test_mission_does_not_wait_for_thrusters_for_ever():
@@ -577,7 +577,7 @@ def test_mission_does_not_wait_for_thrusters_for_ever():
     drone.look(5.2)
     assert drone.mission.state == m.FAILED_TO_START and "watchdog" in drone.mission.notes[-1].text
     drone.obey(Watchdog(1), HOST, 6.0)
-    assert drone.mission.state == m.FAILED_TO_START and drone.wish().target is None
+    assert drone.mission.state == m.FAILED_TO_START and drone.command().target is None
 
 
 @pytest.mark.parametrize("looked", [True, False], ids=["looked at meanwhile", "backlog first"])
@@ -595,4 +595,4 @@ def test_order_to_run_from_a_backlog_starts_nothing(drone, looked, first):
     for k in range(1, 8):
         drone.obey(Watchdog(1), HOST, 3.0 + k)
         drone.look(3.0 + k)
-    assert drone.wish().armed and drone.wish().target is None
+    assert drone.command().armed and drone.command().target is None

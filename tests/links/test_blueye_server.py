@@ -49,7 +49,7 @@ def server() -> BlueyeServer:
 @pytest.fixture
 def served(server) -> Iterator[Served]:
     with serving(server) as served:
-        assert wait_for(lambda: served.said)
+        assert wait_for(lambda: served.messages)
         yield served
 
 
@@ -64,12 +64,12 @@ def drone(served) -> Iterator[Drone]:
 def arm(drone: Drone, served: Served) -> None:
     """Feed the watchdog at once: the SDK does from one second after connecting."""
     drone._ctrl_client._messages_to_send.put(bp.WatchdogCtrl(client_id=drone.client_id))
-    assert wait_for(lambda: served.wishes and served.wishes[-1].armed)
+    assert wait_for(lambda: served.commands and served.commands[-1].armed)
 
 
 def test_sdk_connects_to_both_drones_and_each_obeys_its_own():
     with serving(BlueyeServer(hosts=(PORT, STARBOARD), http_port=HTTP), drones=("port", "starboard")) as served:
-        assert wait_for(lambda: served.said)
+        assert wait_for(lambda: served.messages)
         drones = {"port": Drone(PORT), "starboard": Drone(STARBOARD)}
         assert drones["port"].serial_number.endswith("port")
         assert drones["starboard"].serial_number.endswith("starboard")
@@ -78,7 +78,7 @@ def test_sdk_connects_to_both_drones_and_each_obeys_its_own():
         drones["starboard"].motion.set_surge(-0.5)
 
         def newest(name):
-            return next((w for w in reversed(served.wishes) if w.drone == name), None)
+            return next((w for w in reversed(served.commands) if w.drone == name), None)
 
         # The SDK's own watchdog arms after a second.
         assert wait_for(lambda: all(newest(name) and newest(name).armed for name in drones), 5)
@@ -158,45 +158,45 @@ def test_motion_modes_and_lights(served, drone):
     drone.motion.enable_auto_altitude(True)
     drone.set_lights(0.5)
     drone.config.set_water_density(997)
-    assert wait_for(lambda: served.wishes[-1].lights == 0.5)
-    wish = served.wishes[-1]
-    assert wish.motion == (0.5, -0.5, 0.25, 0.0, 0.0, -1.0) and wish.hold_depth and wish.hold_heading
+    assert wait_for(lambda: served.commands[-1].lights == 0.5)
+    command = served.commands[-1]
+    assert command.motion == (0.5, -0.5, 0.25, 0.0, 0.0, -1.0) and command.hold_depth and command.hold_heading
     # Told at once, without new readings
     assert wait_for(lambda: drone.motion.is_auto_depth_active() and drone.get_lights() == 0.5)
     assert drone.motion.is_auto_heading_active() and not drone.motion.is_auto_altitude_active()
     drone.motion.enable_auto_depth(False)
-    assert wait_for(lambda: not served.wishes[-1].hold_depth and not drone.motion.is_auto_depth_active())
-    assert served.wishes[-1].hold_heading
+    assert wait_for(lambda: not served.commands[-1].hold_depth and not drone.motion.is_auto_depth_active())
+    assert served.commands[-1].hold_heading
 
 
 def test_wish_is_repeated_while_the_watchdog_is_fed(served, drone):
     """The SDK sends a motion once; a wish holds for 0.3 s at the vehicle."""
     drone.motion.set_heave(0.5)
     arm(drone, served)
-    before = len(served.wishes)
+    before = len(served.commands)
     time.sleep(1.0)
-    assert len(served.wishes) - before >= 10
-    assert {w.motion[2] for w in served.wishes[before:]} == {0.5}
+    assert len(served.commands) - before >= 10
+    assert {w.motion[2] for w in served.commands[before:]} == {0.5}
 
 
 def test_unfed_watchdog_stops_the_thrusters_in_time():
     server = BlueyeServer(hosts=(PORT,), http_port=HTTP, watchdog_s=0.4)
     with serving(server) as served:
-        assert wait_for(lambda: served.said)
+        assert wait_for(lambda: served.messages)
         drone = Drone(PORT)
         drone._watchdog_publisher.stop()
         drone.motion.set_surge(1.0)
         drone.motion.enable_auto_depth(True)
         arm(drone, served)
         fed = time.monotonic()
-        assert wait_for(lambda: not served.wishes[-1].armed, 2.0)
+        assert wait_for(lambda: not served.commands[-1].armed, 2.0)
         # The watchdog, the period of repetition, and a slow machine
         assert 0.3 < time.monotonic() - fed < 0.4 + 0.4
-        assert not any(served.wishes[-1].motion) and not served.wishes[-1].hold_depth
-        said = len(served.wishes)
+        assert not any(served.commands[-1].motion) and not served.commands[-1].hold_depth
+        result = len(served.commands)
         time.sleep(0.3)
-        assert len(served.wishes) == said, "nothing is wished for a client that is gone"
-        assert any("thrusters off" in text for text in served.said)
+        assert len(served.commands) == result, "nothing is wished for a client that is gone"
+        assert any("thrusters off" in text for text in served.messages)
         assert wait_for(lambda: not drone.motion.is_auto_depth_active())
         drone.disconnect()
 
@@ -210,14 +210,14 @@ def test_second_client_observes_and_takes_control(served, drone):
     Feeder(served).feed(0.2)
     assert wait_for(lambda: second.get_depth() == 3.5)
     arm(second, served)  # feeds its own watchdog only
-    assert served.wishes[-1].motion[0] == 0.5
-    before = len(served.wishes)
+    assert served.commands[-1].motion[0] == 0.5
+    before = len(served.commands)
     second.take_control()
     # What the first one wanted ends with its control. Armed or not: the second one's watchdog may be on its way.
-    assert second.in_control and wait_for(lambda: any(wish.motion == STILL for wish in served.wishes[before:]))
+    assert second.in_control and wait_for(lambda: any(command.motion == STILL for command in served.commands[before:]))
     arm(second, served)
     second.motion.set_surge(-0.25)
-    assert wait_for(lambda: served.wishes[-1].motion[0] == -0.25)
+    assert wait_for(lambda: served.commands[-1].motion[0] == -0.25)
     # The first one's watchdog does not count any more
     assert drone.get_client_in_control() == 2
     second.disconnect()
@@ -235,7 +235,7 @@ def test_control_passes_on_when_the_pilot_leaves(served, drone):
     arm(drone, served)
     drone.disconnect()
     assert wait_for(lambda: second.get_client_in_control() == second.client_id)
-    assert wait_for(lambda: not served.wishes[-1].armed)
+    assert wait_for(lambda: not served.commands[-1].armed)
     second.disconnect()
     assert wait_for(lambda: third.get_client_in_control() == 0)
     third.disconnect()
@@ -282,11 +282,11 @@ def test_mission_by_the_sdk(served, drone):
     assert len(drone.mission.get_active().instructions) == 1
     arm(drone, served)
     feeder.feed(3.0, estimate=ESTIMATE)
-    assert wait_for(lambda: served.wishes[-1].target is not None and served.wishes[-1].target[2] > 3.9)
-    assert served.wishes[-1].target[:2] == (12.0, -7.0) and drone.mission.get_status().state == 3
+    assert wait_for(lambda: served.commands[-1].target is not None and served.commands[-1].target[2] > 3.9)
+    assert served.commands[-1].target[:2] == (12.0, -7.0) and drone.mission.get_status().state == 3
     feeder.feed(1.0, estimate=[*ESTIMATE[:2], 9.0, *ESTIMATE[3:]])
     assert wait_for(lambda: drone.mission.get_status().state == bp.MissionState.MISSION_STATE_COMPLETED)
-    assert wait_for(lambda: served.wishes[-1].target is None and served.wishes[-1].hold_depth)
+    assert wait_for(lambda: served.commands[-1].target is None and served.commands[-1].hold_depth)
 
 
 def test_mission_that_is_refused_says_why(served, drone):
@@ -297,7 +297,7 @@ def test_mission_that_is_refused_says_why(served, drone):
         drone.mission.load_and_run(prepare_new_mission([far]))
     assert wait_for(lambda: len(notes) == 2)
     assert [note.notification.level for note in notes] == [3, 3]
-    assert any("mission: instruction 1 (waypoint): " in text for text in served.said)
+    assert any("mission: instruction 1 (waypoint): " in text for text in served.messages)
 
 
 def test_log_is_found_and_read_as_the_sdks_example_does(served, drone):
@@ -332,20 +332,20 @@ def test_malformed_messages_are_dropped_and_the_rest_goes_on(served, drone):
     with socket.create_connection((PORT, 5556)) as raw:
         raw.sendall(b"GET / HTTP/1.1\r\n\r\n" * 10)
     drone.motion.set_sway(0.75)
-    assert wait_for(lambda: served.wishes[-1].motion[1] == 0.75)
+    assert wait_for(lambda: served.commands[-1].motion[1] == 0.75)
     drone.ping()
 
 
 def test_flood_of_commands_starves_nobody(served, drone):
     """Ten thousand motion inputs at once: requests are answered meanwhile, wishes stay below a hundred a second."""
     arm(drone, served)
-    before, start = len(served.wishes), time.monotonic()
+    before, start = len(served.commands), time.monotonic()
     for k in range(10_000):
         drone.motion.set_surge(k / 10_000)
     while not drone._ctrl_client._messages_to_send.empty():
         drone.ping()
-    assert wait_for(lambda: served.wishes[-1].motion[0] > 0.9)
-    assert len(served.wishes) - before <= 100 * (time.monotonic() - start) + 2
+    assert wait_for(lambda: served.commands[-1].motion[0] > 0.9)
+    assert len(served.commands) - before <= 100 * (time.monotonic() - start) + 2
 
 
 def test_http_without_a_proxy_serves_who_it_is(served):
@@ -378,7 +378,7 @@ def test_port_80_where_that_is_allowed(monkeypatch):
         pytest.skip("port 80 is not ours")
     monkeypatch.delenv("http_proxy")
     with serving(BlueyeServer(hosts=(PORT,))) as served:
-        assert wait_for(lambda: served.said) and "http_proxy" not in served.said[0]
+        assert wait_for(lambda: served.messages) and "http_proxy" not in served.messages[0]
         drone = Drone(PORT)
         assert drone.in_control
         drone.disconnect()
@@ -406,16 +406,16 @@ def test_addresses():
 def test_it_is_picklable_and_frees_its_ports(server):
     for _ in range(2):
         with serving(pickle.loads(pickle.dumps(server))) as served:
-            assert wait_for(lambda: served.said)
+            assert wait_for(lambda: served.messages)
     assert not [t for t in threading.enumerate() if t.name.startswith("asyncio")]
 
 
 def test_pilot_is_disarmed_when_the_server_ends(server):
     with serving(server) as served:
-        assert wait_for(lambda: served.said)
+        assert wait_for(lambda: served.messages)
         drone = Drone(PORT)
         arm(drone, served)
         drone.motion.set_surge(1.0)
-        assert wait_for(lambda: served.wishes[-1].motion[0] == 1.0)
-    assert not served.wishes[-1].armed
+        assert wait_for(lambda: served.commands[-1].motion[0] == 1.0)
+    assert not served.commands[-1].armed
     drone.disconnect()

@@ -84,10 +84,10 @@ def test_position_is_the_vehicles_estimate_where_there_is_one():
     attitude = Measurement("attitude", np.array([0.0, 0.0, 0.5]), 0.0)
     assert read(sent(telemetry, 0.0, measured, attitude), "position") == [pytest.approx([5.0, 6.0])]
     assert telemetry.contents.message("PositionEstimateTel").position_estimate.heading == pytest.approx(0.5)
-    believed = Measurement("estimate", np.arange(1.0, 13.0), 1.0)
-    assert read(sent(telemetry, 1.0, believed), "position") == [pytest.approx([1.0, 2.0])]
-    told = telemetry.contents.message("PositionEstimateTel").position_estimate
-    assert (told.heading, told.surge_rate, told.yaw_rate) == pytest.approx((6.0, 7.0, 12.0))
+    estimated = Measurement("estimate", np.arange(1.0, 13.0), 1.0)
+    assert read(sent(telemetry, 1.0, estimated), "position") == [pytest.approx([1.0, 2.0])]
+    reported = telemetry.contents.message("PositionEstimateTel").position_estimate
+    assert (reported.heading, reported.surge_rate, reported.yaw_rate) == pytest.approx((6.0, 7.0, 12.0))
     later = Measurement("position", np.array([50.0, 60.0]), 2.0)
     assert read(sent(telemetry, 2.0, later), "position") == [], "a measurement is no estimate"
 

@@ -84,7 +84,7 @@ def _salty():
 
 
 @pytest.mark.parametrize(
-    ("sent", "said"),
+    ("sent", "message"),
     [
         ([], "0 frames"),
         ([b"blueye.protocol.MotionInputCtrl"], "1 frames"),
@@ -98,8 +98,8 @@ def _salty():
         ([b"blueye.protocol.LightsCtrl", b"\x0a\x05\x0d\x00\x00\xc0\x7f"], "lights nan"),
     ],
 )
-def test_control_that_is_none_says_what_was_found(sent, said):
-    with pytest.raises(LinkError, match=said):
+def test_control_that_is_none_says_what_was_found(sent, message):
+    with pytest.raises(LinkError, match=message):
         parse_control(sent)
 
 
@@ -318,8 +318,8 @@ def test_fuzz_control(examples):
 
     def check(sent):
         drone.obey(parse_control(sent), "", 0.0)
-        wish = drone.wish()
-        assert all(-1 <= m <= 1 for m in wish.motion) and 0 <= wish.lights <= 1
+        command = drone.command()
+        assert all(-1 <= m <= 1 for m in command.motion) and 0 <= command.lights <= 1
 
     fuzz(examples, SENT, check)
 

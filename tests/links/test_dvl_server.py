@@ -154,7 +154,7 @@ def test_altitude(server, others, expected):
         assert report["altitude"] == expected and report["velocity_valid"] is True
         assert all((beam["distance"] > 0) == (expected > 0) for beam in report["transducers"])
         unknown = server.floor is None and others[0][0] == "pressure"
-        assert any("altitude is told as -1" in text for text in served.said) == unknown
+        assert any("altitude is told as -1" in text for text in served.messages) == unknown
         client.close()
 
 
@@ -208,7 +208,7 @@ def test_commands(rig):
 
 
 @pytest.mark.parametrize(
-    ("command", "parameters", "said"),
+    ("command", "parameters", "message"),
     [
         ("fly_away", None, "no such command"),
         ("set_config", {"speed_of_sound": 1}, "speed_of_sound"),
@@ -216,11 +216,11 @@ def test_commands(rig):
         ("set_config", {"acoustic_enabled": "yes"}, "acoustic_enabled"),
     ],
 )
-def test_wrong_commands(rig, command, parameters, said):
+def test_wrong_commands(rig, command, parameters, message):
     _, client, _ = rig
     before = client.ask("get_config")["result"]
     answer = client.ask(command, parameters)
-    assert answer["success"] is False and said in answer["error_message"] and answer["response_to"] == command
+    assert answer["success"] is False and message in answer["error_message"] and answer["response_to"] == command
     assert client.ask("get_config")["result"] == before
 
 
@@ -288,11 +288,11 @@ def test_endless_line_ends_the_connection(rig):
 def test_one_too_many_is_turned_away(rig):
     served, client, port = rig
     others = [connect(port) for _ in range(3)]
-    wait_until(lambda: sum("connected" in text for text in served.said) == 4)
+    wait_until(lambda: sum("connected" in text for text in served.messages) == 4)
     assert is_closed(connect(port))
     for other in others:
         other.close()
-    wait_until(lambda: sum("left" in text for text in served.said) == 3)
+    wait_until(lambda: sum("left" in text for text in served.messages) == 3)
     late = Client(port)
     assert late.ask("get_config")["success"] is True
     assert client.ask("get_config")["success"] is True
@@ -302,16 +302,16 @@ def test_one_too_many_is_turned_away(rig):
 def test_slow_client_is_dropped_and_holds_up_nobody(rig):
     served, client, port = rig
     slow = connect(port, receive_buffer=4096)
-    wait_until(lambda: sum("connected" in text for text in served.said) == 2)
+    wait_until(lambda: sum("connected" in text for text in served.messages) == 2)
     client.socket.settimeout(0.5)
     got = 0
     for k in range(6000):
         served.feed(0.01 * k, [reading("dvl", 0.01 * k, 0.5, 0.0, 0.0)])
         if k % 20 == 19:
             got += len(client.next("velocity", 20))
-        if any("did not read" in text for text in served.said):
+        if any("did not read" in text for text in served.messages):
             break
-    assert any("did not read" in text for text in served.said), "the slow client was not dropped"
+    assert any("did not read" in text for text in served.messages), "the slow client was not dropped"
     assert got >= k - 20  # who reads loses nothing
     slow.close()
 

@@ -35,7 +35,7 @@ def sending(*lines, then=lambda client: client.recv(1)):
 def test_values_are_those_that_were_fed():
     port = free_port()
     with serving(DvlServer(port=port)) as served, DvlSource(HOST, port, altimeter=True) as source:
-        wait_until(lambda: any("connected" in text for text in served.said))
+        wait_until(lambda: any("connected" in text for text in served.messages))
         offsets = []
         for k in range(10):
             t = 5.0 + 0.05 * k
@@ -119,7 +119,7 @@ def test_server_that_dies_and_comes_back():
         assert source.read() == []
         for life in range(2):
             with serving(DvlServer(port=port)) as served:
-                wait_until(lambda: any("connected" in text for text in served.said), 8.0)
+                wait_until(lambda: any("connected" in text for text in served.messages), 8.0)
                 served.feed(0.0, [reading("dvl", 0.0, float(life), 0.0, 0.0)])
                 (got,) = gather(source, 1)
                 assert got.value[0] == life

@@ -100,7 +100,7 @@ def shows(pulses, message):
 def asked():
     server = endpoint(rates={"HOME_POSITION": 0.0})
     with serving(server) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         line = Line(f"udpout:127.0.0.1:{server.udp_port}")
         served.feed(1.0, measured(1.0, estimate=True))
         line.listen(0.6)
@@ -170,7 +170,7 @@ def test_modes_without_a_place_are_refused_as_by_the_firmware(more):
     bare = [m for m in measured(1.0) if m.sensor not in ("position", "dvl", "estimate")] + more
     server = endpoint(rates={"HOME_POSITION": 0.0})
     with serving(server) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         line = Line(f"udpout:127.0.0.1:{server.udp_port}")
         served.feed(1.0, bare)
         line.listen(0.3)

@@ -55,12 +55,12 @@ class Serving:
             stdout=subprocess.PIPE,
             text=True,
         )
-        self.said: list[str] = []
+        self.messages: list[str] = []
         for line in self.process.stdout:
-            self.said.append(line)
+            self.messages.append(line)
             if line.startswith("blueye:"):
                 return
-        raise AssertionError(f"it does not serve: {self.said}")
+        raise AssertionError(f"it does not serve: {self.messages}")
 
     def end(self) -> str:
         """Ctrl-C; what it then said."""
@@ -77,7 +77,7 @@ def small(**overrides):
     return load_scenario("lawnmower_calm", [*given, *(f"{k}={v}" for k, v in overrides.items())], 4)
 
 
-def flights(folder, wanted, speed, what="double_blueye", instrument="ugps"):
+def flights(folder, expected, speed, what="double_blueye", instrument="ugps"):
     """Flights one after the other with one served twin, by name; its truth; what it said at the end."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("http_proxy", f"http://{HOSTS[0]}:{HTTP}")
@@ -86,15 +86,15 @@ def flights(folder, wanted, speed, what="double_blueye", instrument="ugps"):
         serving = Serving(what, instrument, port, speed, folder / "truth.mcap")
         found = {}
         try:
-            for name, (scenario, how) in wanted.items():
+            for name, (scenario, how) in expected.items():
                 clock = Clock(speed)
                 with source(f"{instrument}://127.0.0.1:{port}", clock) as positions:
                     link = connect(f"blueye://{','.join(HOSTS)}", scenario, clock)
                     run = folder / name
                     found[name] = fly_live(scenario, link, [positions], clock, run, arm=lambda readiness: True, **how)
         finally:
-            said = serving.end()
-    return found, Log.read(folder / "truth.mcap"), said
+            text = serving.end()
+    return found, Log.read(folder / "truth.mcap"), text
 
 
 BUSY = 120.0  # [ms] of the clock that runs six times as fast: a tick and its command
@@ -106,10 +106,10 @@ def flown(tmp_path_factory):
 
 
 def test_a_small_lawnmower_over_the_protocol(flown):
-    found, truth, said = flown
+    found, truth, text = flown
     flight = found["mission"]
     # Both ends' worst hundredth in the clock that they share: a twin that stalls is as bad as an autopilot that does.
-    twin_late = 6.0 * float(re.search(r"([\d.]+) ms \(99 %\)", said)[1])
+    twin_late = 6.0 * float(re.search(r"([\d.]+) ms \(99 %\)", text)[1])
     late = max(flight.summary["late_ms_p99"], twin_late)
 
     def unless_busy(well: bool) -> bool:
@@ -120,28 +120,28 @@ def test_a_small_lawnmower_over_the_protocol(flown):
     assert unless_busy(flight.completed), flight.summary["reason"]
     eta, leg, mode = truth["truth/eta"], flight.log["autopilot/leg"], flight.log["autopilot/mode"]
     # Depth tells how the two clocks lie: 1 mm of noise against 1.5 m of dive.
-    believed = flight.log["autopilot/eta"]
+    estimated = flight.log["autopilot/eta"]
 
     def at(offset):
-        return np.stack([np.interp(believed.t + offset, eta.t, eta.values[:, i]) for i in range(3)], axis=1)
+        return np.stack([np.interp(estimated.t + offset, eta.t, eta.values[:, i]) for i in range(3)], axis=1)
 
-    offsets = np.arange(0.0, eta.t[-1] - believed.t[-1], 0.05)
-    true = at(min(offsets, key=lambda o: np.mean((at(o)[:, 2] - believed.values[:, 2]) ** 2)))
+    offsets = np.arange(0.0, eta.t[-1] - estimated.t[-1], 0.05)
+    true = at(min(offsets, key=lambda o: np.mean((at(o)[:, 2] - estimated.values[:, 2]) ** 2)))
     on = mode.values[:, 3] > 0.5
     cross = np.sqrt(np.mean(distance_to_leg(true[on], leg.values[on]) ** 2))
     # The best filter on fixes of 0.5 m once a second knows the place to 0.16 m an axis; twice that for one short run.
     assert unless_busy(cross < 0.33)
-    assert unless_busy(np.sqrt(np.mean((true[:, 2] - believed.values[:, 2]) ** 2)) < 0.02)
+    assert unless_busy(np.sqrt(np.mean((true[:, 2] - estimated.values[:, 2]) ** 2)) < 0.02)
     assert not truth["truth/command"].values[-1].any()  # nothing turns after the end
-    assert "served" in said
+    assert "served" in text
     assert not any(name.startswith("truth/") for name in flight.log.channels)
 
 
 @pytest.mark.slow
 def test_the_whole_lawnmower_in_real_time_and_before_it_five_seconds_without_thrust(tmp_path):
     scenario = load_scenario("lawnmower_calm", ["autopilot=model_based"], 1)
-    wanted = {"idle": (small(duration=5), {"thrust": False}), "whole": (scenario, {})}
-    found, truth, _ = flights(tmp_path, wanted, 1.0)
+    expected = {"idle": (small(duration=5), {"thrust": False}), "whole": (scenario, {})}
+    found, truth, _ = flights(tmp_path, expected, 1.0)
     flight = found["whole"]
     assert flight.completed
     assert flight.summary["late_ms_p99"] < 5.0
@@ -174,14 +174,14 @@ ALIKE = {"horizontal": 0.06, "depth": 0.004, "attitude": 0.02, "gyro": 0.002}
 @pytest.mark.slow
 def test_a_test_over_the_protocol_tells_identification_what_a_simulated_one_does(tmp_path):
     (tmp_path / "pulls.yaml").write_text(PULLS)
-    wanted = load_scenario(str(tmp_path / "pulls.yaml"))
-    simulated = fly(wanted, tmp_path / "simulated")
-    told = []
+    expected = load_scenario(str(tmp_path / "pulls.yaml"))
+    simulated = fly(expected, tmp_path / "simulated")
+    reports = []
     found, truth, _ = flights(
-        tmp_path, {"served": (wanted, {"tell": told.append})}, 1.0, str(tmp_path / "pulls.yaml"), "qtm"
+        tmp_path, {"served": (expected, {"tell": reports.append})}, 1.0, str(tmp_path / "pulls.yaml"), "qtm"
     )
     assert simulated.completed and found["served"].completed
-    assert told[0].text == "steps surge +0.6, 5 s" and not truth["truth/command"].values[-1].any()
+    assert reports[0].text == "steps surge +0.6, 5 s" and not truth["truth/command"].values[-1].any()
     write_report(found["served"].log, tmp_path / "served")
     vehicle = load_vehicle("double_blueye")
     (mine,), (served,) = (read_records(tmp_path / name / "log.mcap", vehicle) for name in ("simulated", "served"))

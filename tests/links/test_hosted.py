@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.links.vehicles import Opener, PlainLink, ThreadHosted, last_told, moving, resting
+from tests.links.vehicles import Opener, PlainLink, ThreadHosted, last_sent, moving, resting
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
@@ -96,8 +96,8 @@ def test_a_host_that_hangs_holds_nobody_up(tmp_path):
 
 
 def test_a_stop_that_a_hung_host_had_no_room_for_is_heard_when_it_goes_on(tmp_path):
-    told = tmp_path / "told"
-    with HostedLink(Opener(told), 3) as link:
+    reported = tmp_path / "told"
+    with HostedLink(Opener(reported), 3) as link:
         os.kill(link.pid, signal.SIGSTOP)
         while host.writable(link._pipe):
             link.send(Command(np.full(3, 0.5)))
@@ -105,7 +105,7 @@ def test_a_stop_that_a_hung_host_had_no_room_for_is_heard_when_it_goes_on(tmp_pa
         link.stop()
         os.kill(link.pid, signal.SIGCONT)
         wait_for(lambda: link.read() is not None and link.stopped_at > pressed)
-        assert resting(told)
+        assert resting(reported)
 
 
 def flying(tmp_path, *arguments, new_session=False):
@@ -124,14 +124,14 @@ def flying(tmp_path, *arguments, new_session=False):
 
 def rests_after(strike, tmp_path, new_session=False):
     """The thrusters of a vehicle that flies are off in time after its autopilot was struck."""
-    told = tmp_path / "told"
+    reported = tmp_path / "told"
     process = flying(tmp_path, new_session=new_session)
     try:
-        wait_for(lambda: moving(told), 30.0)
+        wait_for(lambda: moving(reported), 30.0)
         strike(process)
         struck = time.monotonic()
-        wait_for(lambda: resting(told))
-        assert last_told(told)[0] - struck < COMMAND_LIFE + 0.2
+        wait_for(lambda: resting(reported))
+        assert last_sent(reported)[0] - struck < COMMAND_LIFE + 0.2
     finally:
         process.kill()
         process.communicate()
@@ -144,47 +144,47 @@ def test_an_autopilot_that_is_killed_or_hangs_leaves_no_thrust(tmp_path, number)
 
 
 def test_an_exception_in_the_autopilot_leaves_no_thrust(tmp_path):
-    told = tmp_path / "told"
+    reported = tmp_path / "told"
     process = flying(tmp_path, str(time.monotonic() + 1.0))
     _, error = process.communicate(timeout=60)
     assert "ZeroDivisionError" in error
-    assert resting(told)
+    assert resting(reported)
 
 
 def test_a_computer_that_slept_flies_nothing_on(tmp_path, monkeypatch):
     """A lid that was closed: the clock that counts sleep has gone on, the other one has not."""
     slept = [0.0]
     monkeypatch.setattr(host, "_asleep", lambda: slept[0])
-    told = tmp_path / "told"
-    with ThreadHosted(Opener(told), 3) as link:
+    reported = tmp_path / "told"
+    with ThreadHosted(Opener(reported), 3) as link:
         link.send(Command(np.full(3, 0.5)))
-        wait_for(lambda: moving(told))
+        wait_for(lambda: moving(reported))
         slept[0] = 60.0
         with pytest.raises(LinkError, match="slept for 60 s"):
             while True:
                 link.send(Command(np.full(3, 0.5)))
                 link.read()
                 time.sleep(0.01)
-    assert resting(told)
+    assert resting(reported)
 
 
 def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(tmp_path, monkeypatch):
     """The pipe fills up with readings; commands go on expiring, and the newest readings are kept."""
     monkeypatch.setattr(host, "BACKLOG", 20)
-    told = tmp_path / "told"
-    with ThreadHosted(Opener(told), 3) as link:
+    reported = tmp_path / "told"
+    with ThreadHosted(Opener(reported), 3) as link:
         for _ in range(3):
             link.send(Command(np.full(3, 0.5)))
-            wait_for(lambda: moving(told))
-            wait_for(lambda: resting(told), 2.0)
+            wait_for(lambda: moving(reported))
+            wait_for(lambda: resting(reported), 2.0)
 
 
 def test_a_vendors_thread_that_ends_is_told_of_in_one_line(monkeypatch):
-    said = []
-    monkeypatch.setattr(host.logger, "warning", lambda text, *details: said.append(text % details))
+    texts = []
+    monkeypatch.setattr(host.logger, "warning", lambda text, *details: texts.append(text % details))
     what = threading.ExceptHookArgs((UnicodeError, UnicodeError("no text"), None, threading.current_thread()))
     host._ended(what)
-    assert len(said) == 1 and "no text" in said[0] and "\n" not in said[0]
+    assert len(texts) == 1 and "no text" in texts[0] and "\n" not in texts[0]
 
 
 def test_age_grows_while_the_host_is_silent(tmp_path):
@@ -214,23 +214,23 @@ def press_stop(folder, patience=2.0):
 
 def test_stop_leads_past_an_autopilot_that_hangs(tmp_path):
     """Its process is stopped in mid-flight; the vehicle's host is told directly, and answers when thrusters are off."""
-    told = tmp_path / "told"
+    reported = tmp_path / "told"
     process = flying(tmp_path)
     try:
-        wait_for(lambda: moving(told), 30.0)
+        wait_for(lambda: moving(reported), 30.0)
         process.send_signal(signal.SIGSTOP)
         pressed = time.monotonic()
         assert press_stop(tmp_path) == b"stop 1"
         confirmed = time.monotonic()
-        assert resting(told)
-        took = last_told(told)[0] - pressed
+        assert resting(reported)
+        took = last_sent(reported)[0] - pressed
         print(
             f"STOP: thrusters told zero after {1e3 * took:.2f} ms, confirmed after {1e3 * (confirmed - pressed):.2f} ms"
         )
         assert took < STOP_WITHIN and confirmed - pressed < STOP_WITHIN
         process.send_signal(signal.SIGCONT)  # it goes on sending thrust, which is not obeyed
         time.sleep(0.2)
-        assert resting(told)
+        assert resting(reported)
     finally:
         process.kill()
         process.communicate()
@@ -256,7 +256,7 @@ class Armable(Opener):
                     raise ValueError("the driver broke")
                 super().stop()
 
-        return Link(self.told)
+        return Link(self.sent)
 
 
 def fly_on(link, over=None):
@@ -269,41 +269,41 @@ def fly_on(link, over=None):
 
 
 def test_stop_while_arming_wins(tmp_path):
-    told = tmp_path / "told"
-    with ThreadHosted(Armable(told, takes=0.6), 3, tmp_path / "stop") as link:
+    reported = tmp_path / "told"
+    with ThreadHosted(Armable(reported, takes=0.6), 3, tmp_path / "stop") as link:
         link.begin_arming()
         time.sleep(0.1)
         press_stop(tmp_path)
         wait_for(lambda: link.refused is not None)
         assert "stopped while it was being armed" in link.refused
         fly_on(link)
-        assert resting(told)
+        assert resting(reported)
 
 
 def test_arming_that_was_asked_for_before_a_stop_is_refused(tmp_path):
-    told = tmp_path / "told"
-    with ThreadHosted(Armable(told), 3, tmp_path / "stop") as link:
+    reported = tmp_path / "told"
+    with ThreadHosted(Armable(reported), 3, tmp_path / "stop") as link:
         asked_at = time.monotonic()
         press_stop(tmp_path)
         link.begin_arming(asked_at)
         wait_for(lambda: link.refused is not None)
         assert "stopped since" in link.refused
         fly_on(link)
-        assert resting(told)
+        assert resting(reported)
         link.arm()  # asked for after it
-        fly_on(link, lambda: moving(told))
-        assert moving(told)
+        fly_on(link, lambda: moving(reported))
+        assert moving(reported)
 
 
 def test_stop_holds_though_the_driver_fails_at_it_and_is_heard_again(tmp_path):
     """Zeros go out by the other way; the thread that listens lives on."""
-    told = tmp_path / "told"
-    with ThreadHosted(Armable(told, stop_fails=True), 3, tmp_path / "stop") as link:
-        fly_on(link, lambda: moving(told))
-        assert moving(told)
+    reported = tmp_path / "told"
+    with ThreadHosted(Armable(reported, stop_fails=True), 3, tmp_path / "stop") as link:
+        fly_on(link, lambda: moving(reported))
+        assert moving(reported)
         pressed = time.monotonic()
         for _ in range(2):
             with pytest.raises(TimeoutError):  # nothing to confirm
                 press_stop(tmp_path, 0.1)
         fly_on(link, lambda: link.stopped_at > pressed + 0.1)  # of the second
-        assert resting(told) and link.stopped_at > pressed + 0.1
+        assert resting(reported) and link.stopped_at > pressed + 0.1

@@ -146,7 +146,7 @@ def test_answered_within_a_second(vehicle, name):
     assert kind == "STATUSTEXT" or answer.get_srcComponent() == component
 
 
-def heard(client, seconds=0.5):
+def received_messages(client, seconds=0.5):
     """All that comes within a time."""
     end = time.monotonic() + seconds
     found = []
@@ -161,10 +161,10 @@ def test_refusals_say_why():
     with station() as (_, client):
         for _ in range(2):
             long(22)(client)
-        texts = [m for m in heard(client) if m.get_type() == "STATUSTEXT"]
+        texts = [m for m in received_messages(client) if m.get_type() == "STATUSTEXT"]
         assert [m.text for m in texts] == ["No take-off: a submarine dives, in ALT_HOLD"]
         long(420)(client)
-        first, second = (m for m in heard(client) if m.get_type() == "STATUSTEXT")
+        first, second = (m for m in received_messages(client) if m.get_type() == "STATUSTEXT")
         assert first.text + second.text == "No failures by command: give a scenario's faults to serve"
         assert first.id == second.id > 0 and (first.chunk_seq, second.chunk_seq) == (0, 1)
 
@@ -176,7 +176,7 @@ def test_what_is_said_once_is_bounded(monkeypatch):
     with station() as (served, client):
         for i in range(20):
             client.mav.param_request_read_send(1, 1, f"X{i}".encode(), -1)
-        texts = [m.text for m in heard(client) if m.get_type() == "STATUSTEXT"]
+        texts = [m.text for m in received_messages(client) if m.get_type() == "STATUSTEXT"]
     assert texts == [f"No parameter X{i}" for i in range(5)]
 
 
@@ -195,7 +195,7 @@ def test_without_a_position_it_says_so():
     with station() as (served, client):
         bare = [m for m in measured(200.0) if m.sensor not in ("position", "dvl")]
         served.feed(200.0, bare)  # the position of time 0 is too old
-        newest = {m.get_type(): m for m in heard(client)}
+        newest = {m.get_type(): m for m in received_messages(client)}
     gps, status = newest["GPS_RAW_INT"], newest["SYS_STATUS"]
     assert (gps.fix_type, gps.lat, gps.lon, gps.satellites_visible) == (1, 0, 0, 255)
     assert status.onboard_control_sensors_present & 0x20 and not status.onboard_control_sensors_health & 0x20
@@ -206,7 +206,7 @@ def test_position_is_health():
     """MAVSDK waits for the GPS bits of SYS_STATUS and for home before it goes anywhere."""
     with station() as (served, client):
         served.feed(1.0, measured(1.0))
-        newest = {m.get_type(): m for m in heard(client)}
+        newest = {m.get_type(): m for m in received_messages(client)}
     status, gps = newest["SYS_STATUS"], newest["GPS_RAW_INT"]
     bits = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
     assert bits & status.onboard_control_sensors_health & 0x20
@@ -221,11 +221,11 @@ def test_reposition_goes_there():
         assert client.command(400, 1) == 0
         place(client, -1.0, 1.0)  # with the flag that changes the mode
         assert client.next("COMMAND_ACK", command=192).result == 0
-        assert soon(lambda: served.wishes and served.wishes[-1].target is not None)
-        np.testing.assert_allclose(served.wishes[-1].target[:3], (11.15, 0.0, 3.0), atol=0.05)
+        assert soon(lambda: served.commands and served.commands[-1].target is not None)
+        np.testing.assert_allclose(served.commands[-1].target[:3], (11.15, 0.0, 3.0), atol=0.05)
         assert client.command(512, 87) == 0 and client.next("POSITION_TARGET_GLOBAL_INT").lat_int == LATITUDE
         assert client.command(115, 90.0) == 0
-        assert soon(lambda: abs(served.wishes[-1].target[3] - np.pi / 2) < 1e-6)
+        assert soon(lambda: abs(served.commands[-1].target[3] - np.pi / 2) < 1e-6)
         client.mav.command_int_send(1, 1, 6, 192, 0, 0, 0, 0, 0, 0, 2**31 - 1, 0, 0.0)
         assert client.next("COMMAND_ACK", command=192).result == DENIED
 
@@ -334,7 +334,7 @@ def test_an_origin_is_taken_where_there_are_no_positions():
     bare = [m for m in measured(1.0) if m.sensor not in ("position", "dvl")]
     with station(readings=bare) as (served, client):
         served.feed(2.0, [replace(m, t_valid=2.0) for m in bare])
-        newest = {m.get_type(): m for m in heard(client)}
+        newest = {m.get_type(): m for m in received_messages(client)}
         assert newest["GPS_RAW_INT"].fix_type == 0
         assert not newest["SYS_STATUS"].onboard_control_sensors_present & 0x20
         assert client.command(410) == FAILED  # no home yet

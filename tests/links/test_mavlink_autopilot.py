@@ -26,13 +26,13 @@ VELOCITY_ONLY = 0b010111000111  # velocity and yaw rate wanted
 
 
 @pytest.fixture
-def said():
+def messages():
     return []
 
 
 @pytest.fixture
-def pilot(said):
-    return Autopilot(Parameters(1, 1.0, 1025.0), lambda severity, text: said.append(text))
+def pilot(messages):
+    return Autopilot(Parameters(1, 1.0, 1025.0), lambda severity, text: messages.append(text))
 
 
 def armed(pilot, mode=19, now=0.0):
@@ -149,7 +149,7 @@ def test_modes_are_holds(pilot):
     holds = {
         number: (w.hold_level, w.hold_heading, w.hold_depth, w.hold_position)
         for number in MODES
-        for w in [armed(pilot, number).wish(0.0)]
+        for w in [armed(pilot, number).command(0.0)]
     }
     off, on = (False,) * 4, (True,) * 4
     assert holds == {
@@ -159,71 +159,71 @@ def test_modes_are_holds(pilot):
 
 
 @pytest.mark.parametrize("number", [3, 7, 20, 21, 99, 2**32 - 1])
-def test_modes_that_are_refused_say_why(pilot, said, number):
+def test_modes_that_are_refused_say_why(pilot, messages, number):
     assert not pilot.set_mode(number)
-    assert pilot.mode.number == 19 and said and len(said[0]) > 20
+    assert pilot.mode.number == 19 and messages and len(messages[0]) > 20
 
 
 def test_surface_comes_up_and_holds_the_depth_there(pilot):
     """As the firmware does: it asks for up by itself, and at 0.1 m changes to ALT_HOLD."""
     armed(pilot, 9)
     pilot.steer(255, np.array([0.2, 0.0, 0.5, 0.0, 0.0, 0.0]), 0.0)
-    assert pilot.wish(0.0).motion[2] == -1.0
+    assert pilot.command(0.0).motion[2] == -1.0
     pilot.arrive(0.11)
     assert pilot.mode.number == 9
     pilot.arrive(0.1)
-    assert pilot.mode.number == 2 and pilot.wish(0.0).motion[2] == 0.0
+    assert pilot.mode.number == 2 and pilot.command(0.0).motion[2] == 0.0
 
 
-def test_surface_ends_without_a_depth(pilot, said):
+def test_surface_ends_without_a_depth(pilot, messages):
     """It would push up for ever."""
     armed(pilot, 9)
     pilot.lose_depth()
-    assert pilot.mode.number == 19 and not any(pilot.wish(0.0).motion) and said[-1].startswith("Depth lost")
+    assert pilot.mode.number == 19 and not any(pilot.command(0.0).motion) and messages[-1].startswith("Depth lost")
     pilot.lose_depth()
-    assert said[-2:] != [said[-1]] * 2, "said once"
+    assert messages[-2:] != [messages[-1]] * 2, "said once"
 
 
 @pytest.mark.parametrize("number", [4, 9, 16])
-def test_modes_that_hold_a_place_need_one(pilot, said, number):
+def test_modes_that_hold_a_place_need_one(pilot, messages, number):
     pilot.knows_place = lambda: False
-    assert not pilot.set_mode(number) and said[-1].endswith("requires position")
+    assert not pilot.set_mode(number) and messages[-1].endswith("requires position")
 
 
-def test_arming_without_attitude(pilot, said):
+def test_arming_without_attitude(pilot, messages):
     assert not pilot.arm(255, 0.0, "no attitude yet")
-    assert not pilot.wish(0.0).armed and said == ["Arm: no attitude yet"]
+    assert not pilot.command(0.0).armed and messages == ["Arm: no attitude yet"]
 
 
 def test_only_my_ground_station_steers(pilot):
     armed(pilot)
     assert not pilot.steer(245, np.ones(6), 0.0)
-    assert not any(pilot.wish(0.0).motion)
+    assert not any(pilot.command(0.0).motion)
     pilot.parameters.set("SYSID_MYGCS", 245)
-    assert pilot.steer(245, np.ones(6), 0.0) and pilot.wish(0.0).motion == (1.0,) * 6
+    assert pilot.steer(245, np.ones(6), 0.0) and pilot.command(0.0).motion == (1.0,) * 6
 
 
-def test_lost_pilot_disarms_after_3_s(pilot, said):
+def test_lost_pilot_disarms_after_3_s(pilot, messages):
     armed(pilot)
     pilot.steer(255, np.full(6, 0.5), 1.0)
     for now in (2.0, 3.9):
         pilot.heartbeat(255, now)
         pilot.check(now)
-        assert pilot.wish(now).motion[0] == 0.5
+        assert pilot.command(now).motion[0] == 0.5
     pilot.heartbeat(255, 4.1)
     pilot.check(4.1)
-    assert not pilot.armed and "Lost manual control" in said
-    assert not any(pilot.wish(4.1).motion)
+    assert not pilot.armed and "Lost manual control" in messages
+    assert not any(pilot.command(4.1).motion)
 
 
-def test_lost_pilot_can_be_neutral_instead(pilot, said):
+def test_lost_pilot_can_be_neutral_instead(pilot, messages):
     assert pilot.parameters.set("FS_PILOT_INPUT", 1)
     armed(pilot)
     pilot.steer(255, np.full(6, 0.5), 0.0)
     for now in (3.5, 4.5):
         pilot.heartbeat(255, now)
         pilot.check(now)
-    assert pilot.armed and not any(pilot.wish(4.5).motion) and said.count("Lost manual control") == 1
+    assert pilot.armed and not any(pilot.command(4.5).motion) and messages.count("Lost manual control") == 1
 
 
 def test_lost_ground_station_disarms_after_2_5_s(pilot):
@@ -231,7 +231,7 @@ def test_lost_ground_station_disarms_after_2_5_s(pilot):
     armed(pilot, 4)
     pilot.obey(255, Order(target=HERE), 1.0)
     pilot.check(3.4)
-    assert pilot.wish(3.4).target == HERE
+    assert pilot.command(3.4).target == HERE
     pilot.check(3.6)
     assert not pilot.armed and pilot.target is None
 
@@ -245,7 +245,7 @@ def test_heartbeats_of_others_do_not_count(pilot):
 
 def test_set_points_of_others_are_flown_and_keep_no_fail_safe_from_acting(pilot):
     armed(pilot, 4)
-    assert pilot.obey(7, Order(target=HERE), 4.0) and pilot.wish(4.0).target == HERE
+    assert pilot.obey(7, Order(target=HERE), 4.0) and pilot.command(4.0).target == HERE
     pilot.check(5.1)
     assert not pilot.armed
 
@@ -271,14 +271,14 @@ def test_sticks_do_not_outlive_disarming(pilot):
     pilot.steer(255, np.ones(6), 0.0)
     pilot.disarm()
     pilot.arm(255, 0.1, "")
-    assert not any(pilot.wish(0.1).motion)
+    assert not any(pilot.command(0.1).motion)
 
 
 def test_sticks_do_not_outlive_a_change_of_mode(pilot):
     armed(pilot)
     pilot.steer(255, np.ones(6), 0.0)
     pilot.set_mode(2)
-    assert not any(pilot.wish(0.1).motion)
+    assert not any(pilot.command(0.1).motion)
 
 
 def local(frame=1, mask=PLACE_ONLY, **fields):
@@ -322,9 +322,9 @@ def test_velocity():
 def test_velocity_lasts_3_s(pilot):
     armed(pilot, 4)
     pilot.obey(255, Order(velocity=(0.5, 0.0, 0.5, -2.0)), 1.0)
-    wish = pilot.wish(3.9)
-    assert wish.motion == (0.5, 0.0, 1.0, 0.0, 0.0, -1.0) and wish.hold_position and wish.target is None
-    assert not any(pilot.wish(4.1).motion)
+    command = pilot.command(3.9)
+    assert command.motion == (0.5, 0.0, 1.0, 0.0, 0.0, -1.0) and command.hold_position and command.target is None
+    assert not any(pilot.command(4.1).motion)
 
 
 @pytest.mark.parametrize(
@@ -339,16 +339,16 @@ def test_velocity_lasts_3_s(pilot):
         local(mask=PLACE_ONLY & ~1024, yaw=math.inf),
     ],
 )
-def test_bad_set_points_move_nothing(pilot, said, message):
+def test_bad_set_points_move_nothing(pilot, messages, message):
     armed(pilot, 4)
     order = order_of_local(message, HERE, None)
     assert order.refusal and not pilot.obey(255, order, 0.0)
-    assert pilot.target is None and not any(pilot.wish(0.0).motion) and said
+    assert pilot.target is None and not any(pilot.command(0.0).motion) and messages
 
 
 def test_set_points_count_in_guided_only(pilot):
     armed(pilot, 2)
-    assert not pilot.obey(255, Order(target=HERE), 0.0) and pilot.wish(0.0).target is None
+    assert not pilot.obey(255, Order(target=HERE), 0.0) and pilot.command(0.0).target is None
 
 
 def attitude(roll=0.0, pitch=0.0, yaw=0.0, thrust=0.5, mask=0):
@@ -372,12 +372,12 @@ def test_attitude_turns_and_dives():
     assert order_of_attitude(attitude(), None, 0.3).refusal
 
 
-def test_a_refusal_is_said_once_and_again_after_it_went_well(pilot, said):
+def test_a_refusal_is_said_once_and_again_after_it_went_well(pilot, messages):
     armed(pilot, 4)
-    count = len(said)
+    count = len(messages)
     for order in (Order(refusal="no"), Order(refusal="no"), Order(target=HERE), Order(refusal="no")):
         pilot.obey(255, order, 0.0)
-    assert said[count:] == ["Set-point refused: no"] * 2
+    assert messages[count:] == ["Set-point refused: no"] * 2
 
 
 def test_places_need_a_place():

@@ -151,11 +151,11 @@ def test_nobody_takes_the_vehicle_from_a_pilot_who_is_there():
         other = Client(f"udpout:127.0.0.1:{port}", 245)
         try:
             go = (192, 0, 0, -1.0, 1.0, 0.0, float("nan"), 634501000, 103600000, -3.0)  # with the flag
-            assert client.command(400, 1) == 0 and soon(lambda: bool(served.wishes))
+            assert client.command(400, 1) == 0 and soon(lambda: bool(served.commands))
             client.mav.heartbeat_send(6, 8, 0, 0, 0)
             other.mav.command_int_send(1, 1, 6, *go)
             assert other.next("COMMAND_ACK", command=192).result == 2  # denied
-            assert all(wish.target is None for wish in list(served.wishes))
+            assert all(command.target is None for command in list(served.commands))
             client.mav.command_int_send(1, 1, 6, *go)
             assert client.next("COMMAND_ACK", command=192).result == 0
         finally:

@@ -34,7 +34,7 @@ def linked(axes=SURGE_SWAY_YAW, how="udpin", estimate=False, server_options=None
     server = endpoint(**(server_options or {}))
     urls = {"udpin": f"mavlink://udpin:{server.ground_station}", "tcp": f"tcp:127.0.0.1:{server.tcp_port}"}
     with serving(server) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         served.feed(0.0, measured(0.0, estimate))
         with MavlinkLink(urls[how], axes, **options) as link:
             yield served, link
@@ -51,7 +51,7 @@ def collect(link, served, seconds=0.5, estimate=False):
 
 
 def last_motion(served):
-    return served.wishes[-1].motion if served.wishes else (0.0,) * 6
+    return served.commands[-1].motion if served.commands else (0.0,) * 6
 
 
 @pytest.mark.parametrize("how", ["udpin", "tcp"])
@@ -84,7 +84,7 @@ def test_arms_in_manual_and_flies():
         assert not link.armed
         link.send(Command(np.array([0.2, 0.1, -0.3])))
         time.sleep(0.1)
-        assert not served.wishes
+        assert not served.commands
         link.arm()
         assert link.armed and link.gain == 0.5
         link.send(Command(np.array([0.2, 0.1, -0.3])))
@@ -93,7 +93,7 @@ def test_arms_in_manual_and_flies():
         link.send(Command(np.array([1.0, 0.0, 0.0])))
         assert soon(lambda: last_motion(served)[0] == 0.5), "half thrust is all that half gain gives"
         link.stop()
-        assert soon(lambda: not served.wishes[-1].armed)
+        assert soon(lambda: not served.commands[-1].armed)
         with pytest.raises(LinkError, match="stopped"):
             link.arm()
 
@@ -127,12 +127,12 @@ def test_a_vehicle_that_does_not_say_what_its_sticks_do_is_not_armed(monkeypatch
     with linked(time_limit=2.0) as (served, link):
         with pytest.raises(LinkTimeout, match="AUTOPILOT_VERSION .or give `firmware`"):
             link.arm()
-        assert not served.wishes
+        assert not served.commands
     monkeypatch.delitem(ANSWERS, "PARAM_REQUEST_READ")
     with linked(time_limit=2.0, gain=0.5, firmware=(4, 5)) as (served, link):
         with pytest.raises(LinkTimeout, match="JS_THR_GAIN .or give `throttle_gain`"):
             link.arm()
-        assert not served.wishes
+        assert not served.commands
 
 
 def test_throttle_has_a_gain_of_its_own(monkeypatch):
@@ -161,21 +161,21 @@ def test_the_gain_in_force_comes_from_a_firmware_that_streams_nothing_by_itself(
 def test_the_gain_in_force_counts_and_its_changes_are_said():
     steering = Steering(None, 1.0, (4, 5))
 
-    def told(name, value):
+    def parameter(name, value):
         return steering.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=name, value=value))
 
     steering.take("PARAM_VALUE", SimpleNamespace(param_id="JS_GAIN_DEFAULT", param_value=0.1))
     assert steering.gain == 0.1 and "does not say the gain in force" in " ".join(steering.limits())
-    assert told("PilotGain", 0.5) == "" and steering.gain == 0.5, "the firmware does not go below JS_GAIN_MIN"
-    assert told("PilotGain", 0.75) == "the pilot's gain is 0.75 now, 0.5 before" and steering.gain == 0.75
+    assert parameter("PilotGain", 0.5) == "" and steering.gain == 0.5, "the firmware does not go below JS_GAIN_MIN"
+    assert parameter("PilotGain", 0.75) == "the pilot's gain is 0.75 now, 0.5 before" and steering.gain == 0.75
     assert "down" in steering.limits()[0] and len(steering.limits()) == 1
     given = Steering(1.0, 2.0, (4, 5))
-    said = [given.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=b"PilotGain", value=0.5)) for _ in range(2)]
-    assert said == ["it says that the pilot's gain is 0.5; 1, which was given, counts", ""] and given.gain == 1.0
+    texts = [given.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=b"PilotGain", value=0.5)) for _ in range(2)]
+    assert texts == ["it says that the pilot's gain is 0.5; 1, which was given, counts", ""] and given.gain == 1.0
     assert given.limits() == [] and "down" not in Steering(0.5, 2.0, (4, 5)).limits()[0]
-    unsaid = Steering(0.5, 1.0, None)
-    unsaid.take("AUTOPILOT_VERSION", SimpleNamespace(flight_sw_version=0))
-    assert unsaid.firmware is None, "0 is no version"
+    unreported = Steering(0.5, 1.0, None)
+    unreported.take("AUTOPILOT_VERSION", SimpleNamespace(flight_sw_version=0))
+    assert unreported.firmware is None, "0 is no version"
 
 
 def test_wrench_arrives_at_the_vehicle():
@@ -206,11 +206,11 @@ def test_other_mode_is_not_steered():
         assert soon(lambda: any(last_motion(served)))
         link._send_command(176, 1.0, 2.0)  # as another client would
         assert soon(lambda: link._mode == 2)
-        count = len(served.wishes)
+        count = len(served.commands)
         for _ in range(5):
             link.send(Command(np.array([0.5, 0.0, 0.0])))
             time.sleep(0.05)
-        later = served.wishes[count + 3 :]
+        later = served.commands[count + 3 :]
         assert later and MODES[2].hold_depth and all(w.hold_depth and not any(w.motion) for w in later)
 
 
@@ -221,12 +221,12 @@ def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
         link.send(Command(np.array([0.5, 0.0, 0.0])))
         assert soon(lambda: any(last_motion(served)))
         link._line.send = lambda message: None  # the process is gone: nothing is said any more
-        assert soon(lambda: not served.wishes[-1].armed, 1.0)
+        assert soon(lambda: not served.commands[-1].armed, 1.0)
 
 
 def test_age_and_a_vehicle_that_falls_silent(monkeypatch):
     with serving(endpoint(udp_port=(port := free_port()), tcp_port=None)) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         served.feed(0.0, measured(0.0))
         link = MavlinkLink(f"udpout:127.0.0.1:{port}", SURGE_SWAY_YAW)
         link.arm()
@@ -271,7 +271,7 @@ def test_unarmed_link_leaves_the_vehicle_to_its_pilot(end):
         link.stop()
         time.sleep(0.2)
         link.close()
-        assert not served.wishes
+        assert not served.commands
     assert "MANUAL_CONTROL" not in {kind for kind, _, _ in sent}
     assert 400 not in {command for _, command, _ in sent}
     if end != "refused":
@@ -339,7 +339,7 @@ def test_server_gone_is_heard():
     """TCP tells when the other side is gone: the link says that it cannot be used any more."""
     server = endpoint()
     with serving(server) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         link = MavlinkLink(f"tcp:127.0.0.1:{server.tcp_port}", SURGE_SWAY_YAW)
     assert soon(lambda: bool(link._line.failure))
     with pytest.raises(LinkError, match="closed"):

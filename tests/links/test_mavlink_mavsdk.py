@@ -33,14 +33,14 @@ class Flying:
         self.telemetry = Telemetry(system)  # a plugin knows only what came since it was made
 
     def has(self, done) -> bool:
-        return soon(lambda: bool(self.served.wishes) and done(self.served.wishes[-1]))
+        return soon(lambda: bool(self.served.commands) and done(self.served.commands[-1]))
 
 
 @pytest.fixture(scope="module")
 def flying():
     server = endpoint()
     with serving(server) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         # SYSID_MYGCS is 255: as MAVSDK's own 245 it would be heard, but not steer.
         kit = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(255, 190, True))
         kit.add_any_connection(f"udpin://{server.ground_station}")
@@ -75,7 +75,7 @@ def armed(flying):
     Action(flying.system).arm()
     yield flying
     Action(flying.system).disarm()
-    assert flying.has(lambda wish: not wish.armed)
+    assert flying.has(lambda command: not command.armed)
 
 
 def set_mode(flying, number):
@@ -114,26 +114,26 @@ def test_rates_are_obeyed(flying):
 
 
 def test_arms_and_steers(armed):
-    assert armed.has(lambda wish: wish.armed)
+    assert armed.has(lambda command: command.armed)
     assert soon(lambda: armed.telemetry.armed())
     ManualControl(armed.system).set_manual_control_input(0.5, -0.25, 0.75, 0.1)  # MAVSDK: z from 0 to 1, 0.5 neutral
-    assert armed.has(lambda wish: any(wish.motion))
-    np.testing.assert_allclose(armed.served.wishes[-1].motion, [0.25, -0.125, -0.25, 0, 0, 0.05], atol=1e-3)
+    assert armed.has(lambda command: any(command.motion))
+    np.testing.assert_allclose(armed.served.commands[-1].motion, [0.25, -0.125, -0.25, 0, 0, 0.05], atol=1e-3)
 
 
 def test_offboard_set_points(armed):
     """MAVSDK 4.1 knows no modes of a submarine: GUIDED is asked for by a message; its set-points then count."""
     set_mode(armed, 4)
-    assert armed.has(lambda wish: wish.hold_position)
+    assert armed.has(lambda command: command.hold_position)
     offboard = Offboard(armed.system)
     offboard.set_velocity_body(VelocityBodyYawspeed(0.2, 0.0, 0.1, math.degrees(0.3)))
-    moving = armed.has(lambda wish: any(wish.motion))
+    moving = armed.has(lambda command: any(command.motion))
     offboard.set_position_ned(PositionNedYaw(1.0, 2.0, 3.0, 90.0))
-    going = armed.has(lambda wish: wish.target is not None)
-    target = armed.served.wishes[-1].target
-    velocities = [wish.motion for wish in armed.served.wishes if any(wish.motion) and wish.hold_position]
+    going = armed.has(lambda command: command.target is not None)
+    target = armed.served.commands[-1].target
+    velocities = [command.motion for command in armed.served.commands if any(command.motion) and command.hold_position]
     set_mode(armed, 19)
-    assert armed.has(lambda wish: not wish.hold_position)
+    assert armed.has(lambda command: not command.hold_position)
     assert moving and going
     np.testing.assert_allclose(velocities[-1], [0.2, 0, 0.2, 0, 0, 0.3], atol=1e-3)
     np.testing.assert_allclose(target, [1, 2, 3, math.pi / 2], atol=1e-6)
@@ -144,7 +144,7 @@ def test_the_script_of_the_docs_steers():
     (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
     server = endpoint()
     with serving(server) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         script = script.replace("127.0.0.1:14550", server.ground_station)
         # A process of its own, as a user has it, which does not share MAVSDK's state with the tests above.
         command = [sys.executable, "-c", script]
@@ -159,8 +159,10 @@ def test_the_script_of_the_docs_steers():
         assert process.returncode == 0, complaints
         yaw, altitude = map(float, printed.split()[-2:])
         assert yaw == pytest.approx(math.degrees(ATTITUDE[2]), abs=1e-3) and altitude == -PLACE[2]
-        assert any(wish.armed and wish.motion[0] == pytest.approx(0.15) for wish in served.wishes)
-        assert soon(lambda: not served.wishes[-1].armed)
+        assert any(
+            pilot_command.armed and pilot_command.motion[0] == pytest.approx(0.15) for pilot_command in served.commands
+        )
+        assert soon(lambda: not served.commands[-1].armed)
 
 
 def test_modes_that_mavsdk_cannot_ask_for(flying):

@@ -52,9 +52,9 @@ def test_axes_of_what_axes_can_say(mixing):
 def test_u_of_one_direction_arrives_whole(heavy, mixing):
     """What a symmetric allocation wants along one axis is in reach of the axes: nothing of the force is lost."""
     for axis in range(6):
-        wanted = np.zeros(6)
-        wanted[axis] = 0.4
-        u = mixing.command_of_motion(wanted)
+        expected = np.zeros(6)
+        expected[axis] = 0.4
+        u = mixing.command_of_motion(expected)
         np.testing.assert_allclose(mixing.commands(mixing.axes(u)), u, atol=1e-6)
 
 

@@ -67,7 +67,7 @@ def station(speed=1.0, system=255, how="udpout", readings=None, **options):
         "tcp": f"tcp:127.0.0.1:{server.tcp_port}",
     }
     with serving(server, speed=speed) as served:
-        assert soon(lambda: bool(served.said))
+        assert soon(lambda: bool(served.messages))
         served.feed(0.0, measured(0.0) if readings is None else readings)
         client = Client(urls[how], system)
         try:
@@ -85,24 +85,24 @@ def test_arms_and_flies(how):
         assert client.command(176, 1, 2) == 0
         assert client.command(400, 1) == 0
         client.mav.manual_control_send(1, 500, -250, 750, 100, 0)
-        assert soon(lambda: bool(served.wishes) and any(served.wishes[-1].motion))
-        wish = served.wishes[-1]
-        assert wish.armed and wish.hold_depth and wish.hold_level and not wish.hold_position
-        np.testing.assert_allclose(wish.motion, [0.25, -0.125, -0.25, 0, 0, 0.05])  # half, by the pilot's gain
+        assert soon(lambda: bool(served.commands) and any(served.commands[-1].motion))
+        command = served.commands[-1]
+        assert command.armed and command.hold_depth and command.hold_level and not command.hold_position
+        np.testing.assert_allclose(command.motion, [0.25, -0.125, -0.25, 0, 0, 0.05])  # half, by the pilot's gain
         assert client.next("HEARTBEAT", base_mode=1 | 16 | 64 | 128).custom_mode == 2
         assert client.command(400, 0) == 0
-        assert soon(lambda: not served.wishes[-1].armed)
-        count = len(served.wishes)
+        assert soon(lambda: not served.commands[-1].armed)
+        count = len(served.commands)
         time.sleep(0.15)
-        assert len(served.wishes) == count, "after disarming there is one wish and then silence"
+        assert len(served.commands) == count, "after disarming there is one wish and then silence"
 
 
 def test_wishes_are_repeated_at_10_hz_at_least():
     with station() as (served, client):
         assert client.command(400, 1) == 0
-        before = len(served.wishes)
+        before = len(served.commands)
         time.sleep(0.5)
-        assert len(served.wishes) - before >= 5
+        assert len(served.commands) - before >= 5
 
 
 def test_telemetry_is_the_vehicles():
@@ -110,13 +110,13 @@ def test_telemetry_is_the_vehicles():
         served.feed(12.5, measured(12.5, estimate=True))
         got = {}
 
-        def heard():
+        def received():
             message = client.connection.recv_match(blocking=True, timeout=0.05)
             if message and getattr(message, "time_boot_ms", 12500) == 12500:
                 got[message.get_type()] = message
             return set(got) >= set(RATES) - set(ON_REQUEST)
 
-        assert soon(heard), sorted(set(RATES) - set(got))
+        assert soon(received), sorted(set(RATES) - set(got))
     m = got["ATTITUDE"]
     np.testing.assert_allclose([m.roll, m.pitch, m.yaw], ATTITUDE, atol=1e-6)
     np.testing.assert_allclose([m.rollspeed, m.pitchspeed, m.yawspeed], [0.01, -0.02, 0.03], atol=1e-6)
@@ -194,7 +194,7 @@ def test_arming_is_refused_without_attitude():
             "STATUSTEXT": "Arm: no attitude yet",
             "COMMAND_ACK": 4,
         }
-        assert not served.wishes
+        assert not served.commands
         client.connection.close()
 
 
@@ -232,9 +232,9 @@ def test_guided():
     with station() as (served, client):
         assert client.command(176, 1, 4) == 0 and client.command(400, 1) == 0
         client.mav.set_position_target_local_ned_send(0, 1, 1, 9, 0b110111111000, 2, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0)
-        assert soon(lambda: bool(served.wishes) and served.wishes[-1].target is not None)
+        assert soon(lambda: bool(served.commands) and served.commands[-1].target is not None)
         expected = [3 + 2 * math.cos(2.0), -4 + 2 * math.sin(2.0), 3.5, 2.0]
-        np.testing.assert_allclose(served.wishes[-1].target, expected, atol=1e-6)
+        np.testing.assert_allclose(served.commands[-1].target, expected, atol=1e-6)
 
 
 def test_set_mode_message():
@@ -251,9 +251,9 @@ def test_lost_pilot_disarms():
         client.mav.param_set_send(1, 1, b"FS_PILOT_TIMEOUT", 0.3, 9)
         assert client.command(400, 1) == 0
         client.mav.manual_control_send(1, 500, 0, 500, 0, 0)
-        assert soon(lambda: bool(served.wishes) and served.wishes[-1].motion[0] == 0.25)
+        assert soon(lambda: bool(served.commands) and served.commands[-1].motion[0] == 0.25)
         start = time.monotonic()
-        assert soon(lambda: not served.wishes[-1].armed)
+        assert soon(lambda: not served.commands[-1].armed)
         assert 0.15 < time.monotonic() - start < 0.6
         assert client.next("STATUSTEXT", text="Lost manual control")
 
@@ -264,7 +264,7 @@ def test_others_do_not_steer():
         for target in (1, 2):
             client.mav.manual_control_send(target, 1000, 0, 500, 0, 0)
         assert "SYSID_MYGCS" in client.next("STATUSTEXT", severity=4).text
-        assert not any(any(wish.motion) for wish in served.wishes)
+        assert not any(any(command.motion) for command in served.commands)
 
 
 def test_garbage_is_counted_and_dropped():
@@ -275,27 +275,27 @@ def test_garbage_is_counted_and_dropped():
             frame = client.mav.command_long_encode(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(client.mav)
             other.sendall(frame[:-1] + bytes([frame[-1] ^ 1]))  # wrong checksum
         assert client.command(176, 1, 0) == 0
-        assert not served.wishes
+        assert not served.commands
 
 
 def test_too_many_peers_are_not_served():
     with station(how="tcp") as (served, client):
         where = client.connection.port.getpeername()
         crowd = [socket.create_connection(where) for _ in range(12)]
-        assert soon(lambda: sum("connected" in text for text in served.said) >= 7)
+        assert soon(lambda: sum("connected" in text for text in served.messages) >= 7)
         time.sleep(0.1)
-        assert sum("connected" in text for text in served.said) == 7  # one is the ground station that is called
+        assert sum("connected" in text for text in served.messages) == 7  # one is the ground station that is called
         for one in crowd:
             one.close()
-        assert soon(lambda: sum("disconnected" in text for text in served.said) == 6)
+        assert soon(lambda: sum("disconnected" in text for text in served.messages) == 6)
         assert client.command(176, 1, 0) == 0
 
 
 def test_the_longest_silent_peer_gives_its_place():
     closed = []
-    peers = Peers(lambda name, write: Peer(name, write, None, None, heard_at=0.0))
+    peers = Peers(lambda name, write: Peer(name, write, None, None, received_at=0.0))
     for k in range(MOST):
-        peers.get(k, str(k), None, 0.0).heard_at = 10.0 - 0.1 * k
+        peers.get(k, str(k), None, 0.0).received_at = 10.0 - 0.1 * k
     peers.by_address[7].called = True  # at 9.3: the longest silent, but the vehicle's own ground station
     peers.by_address[6].close = lambda: closed.append(6)  # at 9.4, over TCP
     assert peers.get("new", "new", None, 9.4 + SILENT) is None, "all of them live"
@@ -306,8 +306,8 @@ def test_the_longest_silent_peer_gives_its_place():
 def test_ending_disarms():
     with station() as (served, client):
         assert client.command(400, 1) == 0
-        assert soon(lambda: bool(served.wishes) and served.wishes[-1].armed)
-    assert not served.wishes[-1].armed
+        assert soon(lambda: bool(served.commands) and served.commands[-1].armed)
+    assert not served.commands[-1].armed
 
 
 def test_taken_port_says_so():

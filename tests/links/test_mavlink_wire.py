@@ -104,8 +104,8 @@ class Endpoint:
     """A served vehicle without sockets: takes datagrams, keeps wishes."""
 
     def __init__(self):
-        self.wishes, self.sent = [], []
-        self.station = Station(send=self.wishes.append)
+        self.commands, self.sent = [], []
+        self.station = Station(send=self.commands.append)
         self.station.feed(0.0, measured(0.0, estimate=True))
         self.session = Session(MavlinkServer(), self.station)
         self.session._udp = self
@@ -119,12 +119,12 @@ class Endpoint:
         self.session.autopilot.arm(255, 0.0, "")
         self.session.autopilot.set_mode(4 if len(data) % 2 else 19)
         self.session._datagram(data, ("127.0.0.1", 1000))
-        for wish in self.wishes:
-            self.steered += any(wish.motion)
-            self.sent_to += wish.target is not None
-            assert len(wish.motion) == 6 and all(abs(m) <= 1.0 for m in wish.motion)
-            assert wish.target is None or all(math.isfinite(v) for v in wish.target)
-        self.wishes.clear()
+        for command in self.commands:
+            self.steered += any(command.motion)
+            self.sent_to += command.target is not None
+            assert len(command.motion) == 6 and all(abs(m) <= 1.0 for m in command.motion)
+            assert command.target is None or all(math.isfinite(v) for v in command.target)
+        self.commands.clear()
         self.sent.clear()
 
 
@@ -167,7 +167,7 @@ def test_any_message_at_the_link(examples, monkeypatch):
     def check(data: bytes) -> None:
         nonlocal found
         for message in Decoder().feed(data):
-            link._heard(message)
+            link._on_message(message)
         readings = link.read()
         found += len(readings)
         assert all(np.all(np.isfinite(r.value)) and math.isfinite(r.t_valid) for r in readings)

@@ -8,7 +8,7 @@ UNKNOWN = "mavsdk.action.ActionError: UNKNOWN: 'Unknown'; origin: takeoff(); par
 
 
 @pytest.mark.parametrize(
-    ("name", "status", "output", "said", "result", "seen"),
+    ("name", "status", "output", "message", "result", "seen"),
     [
         ("tune", 0, "Tune played\n", [], "runs", "to its end"),
         ("goto", None, "-- Connected\n", [], "hangs", "-- Connected"),
@@ -45,8 +45,8 @@ UNKNOWN = "mavsdk.action.ActionError: UNKNOWN: 'Unknown'; origin: takeoff(); par
         ("all_params", 0, "FS_GCS_TIMEOUT: 2.5\n", [], "runs", "to its end"),
     ],
 )
-def test_judged(name, status, output, said, result, seen):
-    found = judged(name, status, output, said)
+def test_judged(name, status, output, message, result, seen):
+    found = judged(name, status, output, message)
     assert found.result == result and seen in found.seen
 
 

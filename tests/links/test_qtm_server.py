@@ -100,7 +100,7 @@ def test_commands(rig):
 
 
 @pytest.mark.parametrize(
-    ("ask", "said"),
+    ("ask", "message"),
     [
         (lambda c: c.take_control("secret"), "Wrong or missing password"),
         (lambda c: c.start(), "must be master"),
@@ -112,12 +112,12 @@ def test_commands(rig):
         (lambda c: c._protocol.set_version("1.99"), "NOT supported"),
     ],
 )
-def test_refusals(rig, ask, said):
+def test_refusals(rig, ask, message):
     """Errors as QTM's; the connection stays."""
     _, port = rig
 
     async def talk(connection):
-        with pytest.raises(qtm_rt.QRTCommandException, match=said):
+        with pytest.raises(qtm_rt.QRTCommandException, match=message):
             await ask(connection)
         assert (await connection.qtm_version()).startswith(b"QTM")
 
@@ -247,7 +247,9 @@ def test_one_client_in_control_and_frames_when_it_leaves(rig, leaves):
 
     with Feeding(served):
         with_client(port, watch)
-    assert [text for text in served.said if "no frames" in text] and [t for t in served.said if "frames again" in t]
+    assert [text for text in served.messages if "no frames" in text] and [
+        t for t in served.messages if "frames again" in t
+    ]
 
 
 def test_control_can_be_disabled():
@@ -368,9 +370,9 @@ def test_slow_client_is_dropped_and_holds_up_nobody(rig):
     slow.sendall(wire.text_packet(1, "streamframes allframes 6d 6dres 6deuler 6deulerres"))
     for k in range(6000):
         served.feed(0.01 * k, [pose(0.01 * k)])
-        if any("did not read" in text for text in served.said):
+        if any("did not read" in text for text in served.messages):
             break
-    assert any("did not read" in text for text in served.said), "the slow client was not dropped"
+    assert any("did not read" in text for text in served.messages), "the slow client was not dropped"
     with Feeding(served):
         assert len(with_client(port, lambda c: stream(c, 2))) == 2
     slow.close()
@@ -379,7 +381,7 @@ def test_slow_client_is_dropped_and_holds_up_nobody(rig):
 def test_one_too_many_is_turned_away(rig):
     served, port = rig
     others = [connect(port) for _ in range(4)]
-    wait_until(lambda: sum("connected" in text for text in served.said) == 4)
+    wait_until(lambda: sum("connected" in text for text in served.messages) == 4)
     assert is_closed(connect(port))
     for other in others:
         other.close()

@@ -156,10 +156,10 @@ print(last.pose.pose.position.z, last.header.frame_id, last.child_frame_id)
 
 def test_metadata_are_those_of_a_bag(log, tmp_path):
     path = export_rosbag2(log, tmp_path / "run")
-    told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert told["storage_identifier"] == "mcap" and told["relative_file_paths"] == ["run_0.mcap"]
+    reported = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert reported["storage_identifier"] == "mcap" and reported["relative_file_paths"] == ["run_0.mcap"]
     assert (path / "run_0.mcap").exists()
-    assert told["duration"]["nanoseconds"] == 2_900_000_000
+    assert reported["duration"]["nanoseconds"] == 2_900_000_000
 
 
 def test_what_is_there_is_kept(log, tmp_path):

@@ -150,7 +150,7 @@ def test_way_point_in_map():
 
 
 @pytest.mark.parametrize(
-    ("read", "message", "said"),
+    ("read", "message", "expected_text"),
     [
         (lambda m: listen.wrench(m, "base_link", (1,) * 6), "nan_force", "finite"),
         (lambda m: listen.wrench(m, "base_link", (1,) * 6), "map_frame", "frame_id"),
@@ -160,7 +160,7 @@ def test_way_point_in_map():
         (lambda m: listen.stamp_of(m), "no_time", "stamp"),
     ],
 )
-def test_nonsense_is_refused(read, message, said):
+def test_nonsense_is_refused(read, message, expected_text):
     made = {
         "nan_force": msg.WrenchStamped(wrench=msg.Wrench(msg.Vector3(math.nan))),
         "map_frame": msg.WrenchStamped(msg.Header(frame_id="map")),
@@ -169,7 +169,7 @@ def test_nonsense_is_refused(read, message, said):
         "full_and_more": msg.BatteryState(percentage=80.0),
         "no_time": msg.Time(5, 2_000_000_000),
     }
-    with pytest.raises(LinkError, match=said):
+    with pytest.raises(LinkError, match=expected_text):
         read(made[message])
 
 
@@ -306,17 +306,17 @@ class TestPilot:
     def test_nothing_is_wished_before_a_client_arms(self):
         pilot = Pilot("", 0.5)
         assert not pilot.hear_motion(0.0, self.half) and not pilot.hear_target(0.0, (1, 2, 3, 0))
-        assert pilot.wish(0.0) is None
+        assert pilot.command(0.0) is None
 
     def test_a_wrench_that_stops_coming_disarms_once_even_while_arm_goes_on(self):
         pilot = Pilot("", 0.5)
         pilot.hear_arm(0.0, True)
         pilot.hear_motion(0.1, self.half)
-        assert pilot.wish(0.55).motion == self.half
+        assert pilot.command(0.55).motion == self.half
         pilot.hear_arm(0.59, True)
-        wish = pilot.wish(0.65)
-        assert wish is not None and not wish.armed and not any(wish.motion)
-        assert pilot.wish(0.7) is None
+        command = pilot.command(0.65)
+        assert command is not None and not command.armed and not any(command.motion)
+        assert pilot.command(0.7) is None
         assert not pilot.hear_motion(0.7, self.half), "a wrench alone must not arm"
 
     def test_a_way_point_holds_while_arm_is_repeated(self):
@@ -325,16 +325,16 @@ class TestPilot:
             pilot.hear_arm(0.2 * k, True)
             if k == 0:
                 assert pilot.hear_target(0.0, (1.0, 2.0, 3.0, 0.5))
-            assert pilot.wish(0.2 * k + 0.1).target == (1.0, 2.0, 3.0, 0.5)
-        assert not pilot.wish(4.5).armed
-        assert pilot.wish(4.6) is None
+            assert pilot.command(0.2 * k + 0.1).target == (1.0, 2.0, 3.0, 0.5)
+        assert not pilot.command(4.5).armed
+        assert pilot.command(4.6) is None
 
     def test_a_wrench_overrides_and_forgets_a_way_point(self):
         pilot = Pilot("", 0.5)
         pilot.hear_arm(0.0, True)
         pilot.hear_target(0.0, (1.0, 2.0, 3.0, 0.5))
         pilot.hear_motion(0.1, self.half)
-        assert pilot.wish(0.1).target is None
+        assert pilot.command(0.1).target is None
         assert not pilot.hear_target(0.2, (1.0, 2.0, 3.0, 0.5))
 
     def test_false_disarms_at_once(self):
@@ -342,7 +342,7 @@ class TestPilot:
         pilot.hear_arm(0.0, True)
         pilot.hear_motion(0.0, self.half)
         pilot.hear_arm(0.1, False)
-        assert not pilot.wish(0.1).armed and pilot.wish(0.1) is None and pilot.end() is None
+        assert not pilot.command(0.1).armed and pilot.command(0.1) is None and pilot.end() is None
 
     def test_the_end_disarms(self):
         pilot = Pilot("", 0.5)

@@ -25,7 +25,7 @@ def test_every_sensor_comes_from_one_topic(vehicle):
     t, eta, nu = vehicle.now, [1.0, 2.0, 3.0, 0.0, 0.0, 0.5], [0.1, 0.2, 0.3, 0.0, 0.0, 0.4]
     vehicle.transport.deliver("/rov/odometry", convert.odometry(t, eta, nu))
     assert sorted(r.sensor for r in vehicle.link.read()) == ["dvl", "position"]
-    assert "/rov/position" not in vehicle.transport.heard
+    assert "/rov/position" not in vehicle.transport.subscribers
 
 
 def test_sources_and_names():
@@ -35,7 +35,7 @@ def test_sources_and_names():
         message = convert.pose(0.0, [1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
         transport.deliver("/optitrack/pose", message)
         assert {r.sensor: r.value.tolist() for r in link.read()}["position"] == pytest.approx([1.0, 2.0])
-        assert "/rov/leak" not in transport.heard and "/rov/odometry" not in transport.heard
+        assert "/rov/leak" not in transport.subscribers and "/rov/odometry" not in transport.subscribers
     with pytest.raises(LinkError, match="sources"):
         Ros2Link("rov", 1, sources={"position": "gps"}, transport=FakeTransport())
 
@@ -117,10 +117,10 @@ def test_a_wrench_in_flu_and_zeros_at_the_end():
     while not transport.published and time.monotonic() < end:
         time.sleep(0.005)
     link.close()
-    said = [m.wrench for topic, m in transport.published if topic == "/rov/cmd_wrench"]
-    assert [said[0].force.x, said[0].force.y, said[0].force.z] == [10.0, -1.0, -2.0]
-    assert [said[0].torque.x, said[0].torque.y, said[0].torque.z] == [3.0, -4.0, -2.5]
-    assert said[-1].force.x == 0.0 and dict(transport.published)["/rov/arm"].data is False
+    texts = [m.wrench for topic, m in transport.published if topic == "/rov/cmd_wrench"]
+    assert [texts[0].force.x, texts[0].force.y, texts[0].force.z] == [10.0, -1.0, -2.0]
+    assert [texts[0].torque.x, texts[0].torque.y, texts[0].torque.z] == [3.0, -4.0, -2.5]
+    assert texts[-1].force.x == 0.0 and dict(transport.published)["/rov/arm"].data is False
     assert transport.closed
 
 
@@ -152,18 +152,18 @@ def test_stopped_link_does_not_arm(vehicle):
     assert vehicle.transport.published == []
 
 
-@pytest.mark.parametrize(("heard", "limit"), [(True, 3.0), (False, 10.0)])
-def test_age_and_a_vehicle_that_falls_silent(heard, limit):
+@pytest.mark.parametrize(("received", "limit"), [(True, 3.0), (False, 10.0)])
+def test_age_and_a_vehicle_that_falls_silent(received, limit):
     transport, now = FakeTransport(), [50.0]
     with Ros2Link("rov", 1, transport=transport, stamp_clock=lambda: now[0], timer=lambda: now[0]) as link:
         link.arm()
-        if heard:
+        if received:
             now[0] += 5.0
             transport.deliver("/rov/imu", convert.imu(now[0], gyro=[0.1, 0.2, 0.3]))
             assert link.age == 0.0
         transport.deliver("/rov/imu", convert.imu(9e8, gyro=[0.1, 0.2, 0.3]))
         now[0] += limit - 0.1
-        assert link.age == pytest.approx(limit - 0.1) and len(link.read()) == heard
+        assert link.age == pytest.approx(limit - 0.1) and len(link.read()) == received
         transport.published.clear()
         now[0] += 0.2
         end = time.monotonic() + 10
@@ -240,4 +240,4 @@ def test_hosts_time_beside_a_strangers_clock():
         assert [r.t_valid for r in link.read()] == pytest.approx([49.9])
     transport = FakeTransport()
     with Ros2Link("rov", 1, use_sim_time=False, transport=transport):
-        assert "/clock" not in transport.heard
+        assert "/clock" not in transport.subscribers

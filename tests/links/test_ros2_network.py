@@ -70,7 +70,7 @@ def test_a_real_rclpy_node_hears_odometry_and_steers():
         **{k: v for k, v in os.environ.items() if k not in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")},
         **{"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
     }
-    heard: dict[str, dict] = {}
+    received: dict[str, dict] = {}
     server = Ros2Server(largest=FORCES, domain=DOMAIN, middleware="cyclonedds", std={"estimate": (0.1,) * 12})
     with serving(server) as served:
         command = [sys.executable, str(Path(__file__).with_name("ros2_node.py"))]
@@ -80,15 +80,15 @@ def test_a_real_rclpy_node_hears_odometry_and_steers():
             for line in node.stdout:
                 if line.startswith("{"):
                     found = json.loads(line)
-                    heard[found["topic"]] = found
+                    received[found["topic"]] = found
 
         thread = threading.Thread(target=listen, daemon=True)
         thread.start()
         try:
             feed = Feeding(served)
             topics = {"odometry", "imu", "pressure", "battery", "clock"}
-            until(lambda: heard.keys() >= topics and any(any(w.motion) for w in served.wishes), feed)
-            odometry = heard["odometry"]
+            until(lambda: received.keys() >= topics and any(any(w.motion) for w in served.commands), feed)
+            odometry = received["odometry"]
             assert odometry["frames"] == ["odom", "base_link"] and 1000 < odometry["stamp"] <= feed.t + 1e-6
             # North-east-down to east-north-up: a depth is a negative z; heading 30 deg is a yaw of 60.
             assert odometry["place"] == pytest.approx([-2.0, 3.0, -4.0])
@@ -97,19 +97,19 @@ def test_a_real_rclpy_node_hears_odometry_and_steers():
             assert odometry["linear"] == pytest.approx([0.5, -0.1, -0.2])
             assert odometry["angular"] == pytest.approx([0.0, 0.0, -0.3])
             assert odometry["covariance"] == pytest.approx([0.01, 0, 0, 0, 0, 0, 0, 0.01])
-            assert heard["imu"]["gyro"] == pytest.approx([0.0, 0.0, -0.3])
-            assert heard["imu"]["force"] == pytest.approx([0.0, 0.0, 9.81]) and heard["imu"]["absent"] == -1
-            assert heard["pressure"]["p"] == pytest.approx(101_325 + 4.0 * 1000 * 9.80665)
-            assert heard["battery"]["share"] == pytest.approx(0.75)
-            assert heard["clock"]["sec"] >= 1000
-            wish = next(w for w in served.wishes if any(w.motion))
+            assert received["imu"]["gyro"] == pytest.approx([0.0, 0.0, -0.3])
+            assert received["imu"]["force"] == pytest.approx([0.0, 0.0, 9.81]) and received["imu"]["absent"] == -1
+            assert received["pressure"]["p"] == pytest.approx(101_325 + 4.0 * 1000 * 9.80665)
+            assert received["battery"]["share"] == pytest.approx(0.75)
+            assert received["clock"]["sec"] >= 1000
+            pilot_command = next(w for w in served.commands if any(w.motion))
             # Up 20 N is a heave of -0.2, a torque to starboard a positive yaw.
-            assert wish.armed and wish.motion == pytest.approx((0.5, 0.0, 0.2, 0.0, 0.0, 0.5))
+            assert pilot_command.armed and pilot_command.motion == pytest.approx((0.5, 0.0, 0.2, 0.0, 0.0, 0.5))
             node.kill()
-            until(lambda: not served.wishes[-1].armed)
-            count = len(served.wishes)
+            until(lambda: not served.commands[-1].armed)
+            count = len(served.commands)
             time.sleep(0.3)
-            assert len(served.wishes) == count, "a client that is gone wishes nothing"
+            assert len(served.commands) == count, "a client that is gone wishes nothing"
         finally:
             node.kill()
             node.wait()
@@ -136,17 +136,17 @@ def test_our_link_flies_our_server_and_readings_come_back_as_they_were():
                 found.update((r.sensor, r) for r in link.read())
                 link.send(Command(np.array([1.0, -0.5, 0.2])))
 
-            until(lambda: found.keys() >= expected and served.wishes and any(served.wishes[-1].motion), step)
+            until(lambda: found.keys() >= expected and served.commands and any(served.commands[-1].motion), step)
             np.testing.assert_allclose(found["position"].value, ETA[:2])
             np.testing.assert_allclose(found["dvl"].value, NU[:3])
             np.testing.assert_allclose(found["gyro"].value, NU[3:])
             np.testing.assert_allclose(found["accelerometer"].value, [0.0, 0.0, -9.81])
             np.testing.assert_allclose(found["pressure"].value, ETA[2:3])
             assert all(now < r.t_valid <= time.monotonic() for r in found.values())
-            assert served.wishes[-1].motion == pytest.approx((0.5, 0.0, -0.25, 0.0, 0.0, 0.1))
+            assert served.commands[-1].motion == pytest.approx((0.5, 0.0, -0.25, 0.0, 0.0, 0.1))
             link.stop()
-            until(lambda: not served.wishes[-1].armed)
-            until(lambda: [x for x in served.said if x.endswith("armed")] == ["ROS 2: armed", "ROS 2: disarmed"])
+            until(lambda: not served.commands[-1].armed)
+            until(lambda: [x for x in served.messages if x.endswith("armed")] == ["ROS 2: armed", "ROS 2: disarmed"])
             assert not link.problems, link.problems
 
 
@@ -196,20 +196,20 @@ def test_garbage_moves_nothing_and_the_server_goes_on():
             for message in messages:
                 client.publish("/rov/cmd_wrench", message)
 
-        for bad, said in ((nan, "finite"), (late, "stamp"), (elsewhere, "frame_id")):
-            served.said.clear()
-            if said == "finite":
-                until(lambda: any("finite" in line for line in served.said), lambda: send(nan))
+        for bad, expected_text in ((nan, "finite"), (late, "stamp"), (elsewhere, "frame_id")):
+            served.messages.clear()
+            if expected_text == "finite":
+                until(lambda: any("finite" in line for line in served.messages), lambda: send(nan))
             else:
                 # It says so once for all that is refused on a topic: here it is enough that nothing moves.
                 for _ in range(10):
                     send(bad)
                     time.sleep(0.02)
-        assert not any(any(w.motion) for w in served.wishes)
-        until(lambda: any(w.motion[0] == pytest.approx(0.1) for w in served.wishes), lambda: send(good))
+        assert not any(any(w.motion) for w in served.commands)
+        until(lambda: any(w.motion[0] == pytest.approx(0.1) for w in served.commands), lambda: send(good))
         way = convert.pose(feed.t, [1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
-        until(lambda: not served.wishes[-1].armed)
-        until(lambda: served.said[-1] == "ROS 2: its client is silent: disarmed")
+        until(lambda: not served.commands[-1].armed)
+        until(lambda: served.messages[-1] == "ROS 2: its client is silent: disarmed")
 
         def go():
             feed()
@@ -217,9 +217,9 @@ def test_garbage_moves_nothing_and_the_server_goes_on():
             way.header.stamp = convert.stamp(feed.t)
             client.publish("/rov/cmd_pose", way)
 
-        until(lambda: served.wishes[-1].target is not None, go)
-        assert served.wishes[-1].target == pytest.approx((1.0, 2.0, 3.0, 0.5))
-    assert not served.wishes[-1].armed, "the server ended with the vehicle armed"
+        until(lambda: served.commands[-1].target is not None, go)
+        assert served.commands[-1].target == pytest.approx((1.0, 2.0, 3.0, 0.5))
+    assert not served.commands[-1].armed, "the server ended with the vehicle armed"
 
 
 @pytest.mark.skipif(
@@ -249,11 +249,11 @@ while time.monotonic() < end:
         threading.Thread(target=lambda: lines.extend(iter(node.stdout.readline, "")), daemon=True).start()
         try:
             feed = Feeding(served)
-            until(lambda: any("READ" in line for line in lines) and any(w.motion[0] for w in served.wishes), feed)
+            until(lambda: any("READ" in line for line in lines) and any(w.motion[0] for w in served.commands), feed)
             words = next(line for line in lines if "READ" in line).split()
             assert [float(x) for x in words[1:3]] == ETA[:2].tolist()
             assert 1000 < float(words[3]) <= feed.t + 1e-6, "simulated time"
-            assert next(w for w in served.wishes if w.motion[0]).motion[0] == pytest.approx(0.25)
+            assert next(w for w in served.commands if w.motion[0]).motion[0] == pytest.approx(0.25)
         finally:
             node.kill()
             node.wait()
@@ -272,7 +272,7 @@ def test_confined_sockets_hear_the_loopback_device_only(monkeypatch):
     """Another device is stood in for by a filter for a device that does not exist."""
     import socket
 
-    def heard(device: int | None) -> bool:
+    def is_received(device: int | None) -> bool:
         if device is not None:
             monkeypatch.setattr(socket, "if_nametoindex", lambda name: device)
         with confined(True):
@@ -286,8 +286,8 @@ def test_confined_sockets_hear_the_loopback_device_only(monkeypatch):
             except TimeoutError:
                 return False
 
-    assert heard(None)
-    assert not heard(4321)
+    assert is_received(None)
+    assert not is_received(4321)
 
 
 @pytest.mark.parametrize("domain", ["250", "-1", "seven"])

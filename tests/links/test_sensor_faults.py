@@ -60,7 +60,7 @@ class SensorMux:
     def __init__(self, source):
         self.source, self.last = source, -np.inf
 
-    def heard(self, count: int, seconds: float) -> int:
+    def received(self, count: int, seconds: float) -> int:
         """Number of readings until there are so many, or the time is over."""
         end, found = time.monotonic() + seconds, 0
         while found < count and time.monotonic() < end:
@@ -82,12 +82,12 @@ def test_wrong_readings_never_and_right_ones_again(kind, fault):
         here, there, wire = free_port(), free_port(), Wire()
         proxy = loop.open(TcpProxy(wire, (HOST, here), (HOST, there)))
         with serving(server(port=there)) as served, fed(served), source_of(here) as source:
-            ears = SensorMux(source)
-            assert ears.heard(5, 20.0) == 5
+            mux = SensorMux(source)
+            assert mux.received(5, 20.0) == 5
             wire.set(down=FAULTS[fault]) if fault != "half-open" else wire.set(FAULTS[fault])
-            ears.heard(10_000, 1.0)
+            mux.received(10_000, 1.0)
             wire.mend()
             if fault == "half-open":
                 loop.run(proxy.reset())
-            assert ears.heard(5, 30.0) == 5, source.status
+            assert mux.received(5, 30.0) == 5, source.status
         assert not threads, threads

@@ -94,9 +94,9 @@ def test_auto_depth_holds_under_a_turn_of_the_pair(twin: ServedTwin, drones):
     twin.until(lambda: np.abs((twin.eta[5] - heading + np.pi) % (2 * np.pi) - np.pi) > 1.0)
     surge(drones, 0.0)
     assert abs(twin.eta[2] - depth) < 0.05
-    told = np.radians([newest(drone, bp.AttitudeTel).attitude.yaw for drone in drones])
+    reported = np.radians([newest(drone, bp.AttitudeTel).attitude.yaw for drone in drones])
     # The newest message is up to a twentieth of a second old, at well below 1 rad/s.
-    np.testing.assert_allclose((told - twin.eta[5] + np.pi) % (2 * np.pi) - np.pi, 0.0, atol=0.15)
+    np.testing.assert_allclose((reported - twin.eta[5] + np.pi) % (2 * np.pi) - np.pi, 0.0, atol=0.15)
 
 
 def test_yaw_of_the_drones_own_turns_them_too(twin: ServedTwin, drones):
@@ -126,8 +126,8 @@ def test_dvl_and_positions_and_motion_capture_are_the_truth(twin: ServedTwin, dr
     velocity = dvl_report(ports["dvl"])
     assert velocity["velocity_valid"] is True
     speeds = np.array([truth["nu"][:3] for _, truth in twin.history[-25:]])
-    told = np.array([velocity["vx"], velocity["vy"], velocity["vz"]])
-    assert ((told > speeds.min(axis=0) - 0.03) & (told < speeds.max(axis=0) + 0.03)).all()
+    reported = np.array([velocity["vx"], velocity["vy"], velocity["vz"]])
+    assert ((reported > speeds.min(axis=0) - 0.03) & (reported < speeds.max(axis=0) + 0.03)).all()
     surge(drones, 0.0)
 
     position = get(f"http://127.0.0.1:{ports['ugps']}/api/v1/position/acoustic/filtered")

@@ -89,9 +89,9 @@ def test_telemetry_is_the_truth(twin, pilot):
     attitude, vfr = pilot.newest("ATTITUDE"), pilot.newest("VFR_HUD")
     np.testing.assert_allclose([attitude.roll, attitude.pitch, attitude.yaw], twin.eta[3:], atol=0.02)
     assert abs(-vfr.alt - twin.eta[2]) < 0.05
-    believed = pilot.newest("LOCAL_POSITION_NED")
+    estimated = pilot.newest("LOCAL_POSITION_NED")
     # Its own filter, on one fix a second of 0.5 m, with a DVL between them.
-    assert np.hypot(believed.x - twin.eta[0], believed.y - twin.eta[1]) < 1.0
+    assert np.hypot(estimated.x - twin.eta[0], estimated.y - twin.eta[1]) < 1.0
 
 
 def test_heading_hold_and_turn(twin, pilot):

@@ -47,16 +47,16 @@ def test_wrong_places_are_refused(change):
 
 
 @pytest.mark.parametrize(
-    ("path", "told"),
+    ("path", "reported"),
     [
         *((wire.DEPTH, {}), (wire.DEPTH, {"depth": 1e9}), (wire.DEPTH, {"depth": math.nan})),
         *((wire.ORIENTATION, {"orientation": 361.0}), (wire.EXTERNAL_MASTER, {"lat": 63.0, "lon": 10.0})),
         *((wire.IMU, {"roll": 0.0}), (wire.DEPTH, {"depth": 1.0, "temp": "cold"})),
     ],
 )
-def test_wrong_puts_are_refused(path, told):
+def test_wrong_puts_are_refused(path, reported):
     with pytest.raises(LinkError):
-        wire.parse_put(path, json.dumps(told).encode())
+        wire.parse_put(path, json.dumps(reported).encode())
 
 
 def test_topside_frame():

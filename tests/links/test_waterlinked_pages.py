@@ -99,7 +99,7 @@ def test_port_that_is_taken_costs_the_pages_only():
         connect(first.port).close()
         connect(second.port).close()
         assert exchange(web, b"GET /api/v1/about", BY_URLLIB)[0] == 200
-        assert sum("no pages over HTTP" in text and str(web) in text for text in served.said) == 1
+        assert sum("no pages over HTTP" in text and str(web) in text for text in served.messages) == 1
 
 
 ASKED = (

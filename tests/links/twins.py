@@ -33,14 +33,14 @@ class ServedTwin:
     Attributes:
         vehicle: Its physics.
         speed: Simulated seconds a second.
-        said: What its servers said.
+        messages: What its servers said.
         history: Time and truth (eta, nu, thrust, command) of every period.
         failed: What ended it.
     """
 
     vehicle: ServedVehicle
     speed: float
-    said: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
     history: list[tuple[float, dict[str, np.ndarray]]] = field(default_factory=list)
     failed: list[BaseException] = field(default_factory=list)
     pace: Pace | None = None
@@ -60,7 +60,7 @@ class ServedTwin:
         end = time.monotonic() + seconds
         while not (result := true()):
             assert not self.failed, f"the twin ended: {self.failed[0]}"
-            assert time.monotonic() < end, f"it never happened; {self.eta.round(2)}, {self.said[-3:]}"
+            assert time.monotonic() < end, f"it never happened; {self.eta.round(2)}, {self.messages[-3:]}"
             time.sleep(0.01)
         return result
 
@@ -76,8 +76,8 @@ class _Watched:
     def now(self) -> float:
         return self._twin.vehicle.now
 
-    def advance(self, wishes):
-        readings = self._twin.vehicle.advance(wishes)
+    def advance(self, commands):
+        readings = self._twin.vehicle.advance(commands)
         truth = {name: np.array(value) for name, value in self._twin.vehicle.truth.items()}
         self._twin.history.append((self.now, truth))
         return readings
@@ -102,7 +102,7 @@ def twin_served(
 
     def run() -> None:
         try:
-            twin.pace = serve(_Watched(twin), servers, speed=speed, say=twin.said.append, over=over.is_set, log=log)
+            twin.pace = serve(_Watched(twin), servers, speed=speed, say=twin.messages.append, over=over.is_set, log=log)
         except BaseException as error:
             twin.failed.append(error)
 
@@ -110,10 +110,10 @@ def twin_served(
     thread.start()
     try:
         end = time.monotonic() + apart.STARTING + 10.0
-        while len(twin.said) < len(servers) and not twin.failed and time.monotonic() < end:
+        while len(twin.messages) < len(servers) and not twin.failed and time.monotonic() < end:
             time.sleep(0.02)
         assert not twin.failed, twin.failed
-        assert len(twin.said) >= len(servers), f"servers are silent: {twin.said}"
+        assert len(twin.messages) >= len(servers), f"servers are silent: {twin.messages}"
         yield twin
     finally:
         over.set()

@@ -20,8 +20,8 @@ PERIOD = 0.02
 class PlainLink(Link):
     """A vehicle with a depth sensor at 50 Hz; it believes every command for ever, as the worst firmware would."""
 
-    def __init__(self, told: Path | None = None, dies_after: float = 1e9):
-        self.told, self.dies_after = told, dies_after
+    def __init__(self, reported: Path | None = None, dies_after: float = 1e9):
+        self.sent, self.dies_after = reported, dies_after
         self.u = np.zeros(3)
         self.stopped = False
         self._began = time.monotonic()
@@ -52,8 +52,8 @@ class PlainLink(Link):
 
     def _obey(self, u: np.ndarray) -> None:
         self.u = u
-        if self.told is not None:
-            with self.told.open("a") as stream:
+        if self.sent is not None:
+            with self.sent.open("a") as stream:
                 stream.write(f"{time.monotonic()} {' '.join(str(x) for x in u)}\n")
 
 
@@ -61,17 +61,17 @@ class PlainLink(Link):
 class Opener:
     """Opens a PlainLink in the process that it is called in."""
 
-    told: Path | None = None
+    sent: Path | None = None
     dies_after: float = 1e9
     refuses: str = ""
 
     def __call__(self) -> PlainLink:
         if self.refuses:
             raise LinkError(self.refuses)
-        return PlainLink(self.told, self.dies_after)
+        return PlainLink(self.sent, self.dies_after)
 
 
-def last_told(path: Path) -> tuple[float, np.ndarray]:
+def last_sent(path: Path) -> tuple[float, np.ndarray]:
     """When the thrusters were last told something [s, monotonic], and what: NaN before the first whole line."""
     lines = path.read_text().split("\n")[:-1] if path.exists() else []
     words = [float(word) for word in lines[-1].split()] if lines else [np.nan, np.nan]
@@ -79,11 +79,11 @@ def last_told(path: Path) -> tuple[float, np.ndarray]:
 
 
 def resting(path: Path) -> bool:
-    return bool((last_told(path)[1] == 0.0).all())
+    return bool((last_sent(path)[1] == 0.0).all())
 
 
 def moving(path: Path) -> bool:
-    return bool((np.abs(last_told(path)[1]) > 0.0).any())
+    return bool((np.abs(last_sent(path)[1]) > 0.0).any())
 
 
 class ThreadHosted(HostedLink):

@@ -26,10 +26,10 @@ class ZmqProxy:
         telemetry, published = self._pair(TELEMETRY, zmq.SUB, zmq.PUB)
         telemetry.setsockopt(zmq.SUBSCRIBE, b"")
         inner, outer = self._pair(REQUESTS, zmq.DEALER, zmq.ROUTER)
-        commands, heard = self._pair(CONTROL, zmq.PUB, zmq.SUB)
-        heard.setsockopt(zmq.SUBSCRIBE, b"")
-        self._sockets = (telemetry, published, inner, outer, commands, heard)
-        ways = ((False, telemetry, published), (True, heard, commands), (True, outer, inner), (False, inner, outer))
+        commands, received = self._pair(CONTROL, zmq.PUB, zmq.SUB)
+        received.setsockopt(zmq.SUBSCRIBE, b"")
+        self._sockets = (telemetry, published, inner, outer, commands, received)
+        ways = ((False, telemetry, published), (True, received, commands), (True, outer, inner), (False, inner, outer))
         self._tasks = [asyncio.ensure_future(self._pump(*way)) for way in ways]
 
     def _pair(self, port: int, towards_drone: int, towards_client: int) -> tuple[Any, Any]:

@@ -37,15 +37,15 @@ class Fake(Link):
 
     def __init__(self, *readings: Measurement):
         self.to_say = list(readings)
-        self.told: list[np.ndarray] = []
+        self.sent: list[np.ndarray] = []
         self.stopped = self.armed = self.closed = False
 
     def read(self):
-        said, self.to_say = self.to_say, []
-        return said
+        text, self.to_say = self.to_say, []
+        return text
 
     def send(self, command: Command) -> None:
-        self.told.append(np.array(command.u))
+        self.sent.append(np.array(command.u))
 
     def arm(self) -> None:
         self.armed = True
@@ -67,8 +67,8 @@ class Instrument(Source):
         self.to_say = list(readings)
 
     def read(self):
-        said, self.to_say = self.to_say, []
-        return said
+        text, self.to_say = self.to_say, []
+        return text
 
     def close(self) -> None:
         pass
@@ -200,14 +200,14 @@ def hasty(monkeypatch):
 
 def test_the_start_is_where_the_vehicle_is(hasty):
     vehicle = Fake()
-    ears = SensorMux(vehicle, [])
+    mux = SensorMux(vehicle, [])
     vehicle_says = iter([[], whole(), *[[]] * 10_000])
     vehicle.read = lambda: next(vehicle_says)
-    heard = listen(ears, ["position", "dvl"], patience=0.4, speed=SPEED, position_noise=0.6)
-    np.testing.assert_allclose(heard.start.position, [1.0, -2.0, 3.0])
-    np.testing.assert_allclose(heard.start.position_std, 0.6 / np.sqrt(3.0))  # the mean of three
-    assert heard.missing == ("dvl",)
-    assert {"position", "gyro"} <= heard.rates.keys()
+    received = listen(mux, ["position", "dvl"], patience=0.4, speed=SPEED, position_noise=0.6)
+    np.testing.assert_allclose(received.start.position, [1.0, -2.0, 3.0])
+    np.testing.assert_allclose(received.start.position_std, 0.6 / np.sqrt(3.0))  # the mean of three
+    assert received.missing == ("dvl",)
+    assert {"position", "gyro"} <= received.rates.keys()
 
 
 def test_the_start_of_a_vehicle_whose_compass_looks_aft_has_its_own_heading(hasty):
@@ -231,12 +231,12 @@ def test_a_sensor_that_is_not_heard_is_named(hasty, silent):
 
 def test_what_an_instrument_measures_is_not_taken_from_the_vehicle_too():
     vehicle, gps = Fake(reading("position", 0, 0), reading("pressure", 1.0)), Instrument()
-    ears = SensorMux(vehicle, [gps])
-    assert [r.sensor for r in ears.read()] == ["position", "pressure"]
+    mux = SensorMux(vehicle, [gps])
+    assert [r.sensor for r in mux.read()] == ["position", "pressure"]
     vehicle.to_say, gps.to_say = [reading("position", 0, 0), reading("pressure", 1.0)], [reading("position", 5, 5)]
-    assert [(r.sensor, r.value[0]) for r in ears.read()] == [("pressure", 1.0), ("position", 5.0)]
+    assert [(r.sensor, r.value[0]) for r in mux.read()] == [("pressure", 1.0), ("position", 5.0)]
     vehicle.to_say = [reading("position", 0, 0)]
-    assert ears.read() == []
+    assert mux.read() == []
 
 
 def test_the_start_is_not_a_mean_of_two_frames(hasty):
@@ -245,14 +245,14 @@ def test_the_start_is_not_a_mean_of_two_frames(hasty):
     says = iter([[], whole(), *[[]] * 10_000])
     fixes = iter([[], [], [], *([reading("position", 30.0, 20.0)] for _ in range(3)), *[[]] * 10_000])
     vehicle.read, gps.read = lambda: next(says), lambda: next(fixes)
-    heard = listen(SensorMux(vehicle, [gps]), [], speed=SPEED)
-    np.testing.assert_allclose(heard.start.position[:2], [30.0, 20.0])
+    received = listen(SensorMux(vehicle, [gps]), [], speed=SPEED)
+    np.testing.assert_allclose(received.start.position[:2], [30.0, 20.0])
 
 
 def test_times_count_from_the_beginning_of_the_flight():
-    ears = SensorMux(Fake(reading("pressure", 1.0, t=12.5)), [])
-    ears.zero = 10.0
-    assert ears.read()[0].t_valid == pytest.approx(2.5)
+    mux = SensorMux(Fake(reading("pressure", 1.0, t=12.5)), [])
+    mux.zero = 10.0
+    assert mux.read()[0].t_valid == pytest.approx(2.5)
 
 
 # Flights
@@ -279,7 +279,7 @@ def once():
     def made(*arguments):
         if not autopilot:
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(numerics.logger, "debug", lambda *told: IN_PIECES.append(told))
+                patch.setattr(numerics.logger, "debug", lambda *reported: IN_PIECES.append(reported))
                 autopilot.append(HostAutopilot(*arguments))
         return autopilot[0]
 
@@ -295,20 +295,20 @@ def flight(tmp_path_factory, scenario):
     """20 s with the twin behind a link, ten times as fast."""
     clock = Clock(SPEED)
     link = connect("twin://", scenario, clock)
-    heard = []
+    received = []
     folder = tmp_path_factory.mktemp("live") / "run"
 
     def arm(ready):
         time.sleep(1.0)  # somebody thinks
-        heard.append((ready, datetime.now(UTC)))
+        received.append((ready, datetime.now(UTC)))
         return True
 
-    return fly_live(scenario, link, [], clock, folder, arm=arm), heard, link
+    return fly_live(scenario, link, [], clock, folder, arm=arm), received, link
 
 
 def test_a_flight_over_a_link_is_logged_without_truth(flight):
-    flown, heard, link = flight
-    ((ready, armed),) = heard
+    flown, received, link = flight
+    ((ready, armed),) = received
     assert ready.missing == ()
     log = Log.read(flown.folder / "log.mcap")
     assert not any(name.startswith("truth/") for name in log.channels)
@@ -378,7 +378,7 @@ def test_an_error_in_flight_closes_the_link(tmp_path, scenario):
     vehicle = Fake()
     with pytest.raises(ZeroDivisionError):
         fly_live(scenario, vehicle, [], Clock(), tmp_path / "run", arm=lambda ready: True, say=lambda text: 1 / 0)
-    assert vehicle.closed and vehicle.told == []
+    assert vehicle.closed and vehicle.sent == []
 
 
 def test_a_log_begins_when_the_flight_does(tmp_path, scenario, flight):
@@ -420,7 +420,7 @@ def test_a_record_has_every_reading_that_came(tmp_path, scenario, hasty):
     vehicle.read = lambda: next(sent, [])
     gps.to_say = []
     counts = record(scenario, vehicle, [gps], clock, tmp_path / "pool.mcap", 0.2)
-    assert counts == {"pressure": 2} and vehicle.told == []
+    assert counts == {"pressure": 2} and vehicle.sent == []
     log = Log.read(tmp_path / "pool.mcap")
     np.testing.assert_allclose(log["sensor/pressure"]["depth"], [1.0, 1.5])
     began = datetime.fromisoformat(datum_of(log.metadata).utc_start)
@@ -428,14 +428,14 @@ def test_a_record_has_every_reading_that_came(tmp_path, scenario, hasty):
 
 
 def test_a_record_has_the_second_sensor_of_a_kind_and_names_once_what_it_leaves_out(tmp_path, hasty):
-    vehicle, said = Fake(), []
+    vehicle, text = Fake(), []
     names = ["pressure", "pressure_2", "leak_2", "strange", "leak_2", "pressure_2"]
     sent = iter([[], [reading(name, 1.0, t=0.1) for name in names]])
     vehicle.read = lambda: next(sent, [])
     path = tmp_path / "pool.mcap"
-    assert record(with_parts(), vehicle, [], Clock(), path, 0.1, warn=said.append) == {"pressure": 1, "pressure_2": 2}
+    assert record(with_parts(), vehicle, [], Clock(), path, 0.1, warn=text.append) == {"pressure": 1, "pressure_2": 2}
     np.testing.assert_allclose(Log.read(path)["sensor/pressure_2"]["depth"], [1.0, 1.0])
-    assert [line.partition(":")[0] for line in said] == ["leak_2", "strange"]
+    assert [line.partition(":")[0] for line in text] == ["leak_2", "strange"]
 
 
 # Time

@@ -62,7 +62,7 @@ class Still(Link):
     def __init__(self, clock, without=""):
         self._values = {name: np.array(value) for name, value in ALL.items() if name != without}
         self._clock, self._next = clock, 0.0
-        self.told, self.armed, self.stopped = [], False, False
+        self.sent, self.armed, self.stopped = [], False, False
 
     def read(self):
         now = self._clock()
@@ -72,7 +72,7 @@ class Still(Link):
         return [Measurement(name, value, now) for name, value in self._values.items()]
 
     def send(self, command):
-        self.told.append(np.array(command.u))
+        self.sent.append(np.array(command.u))
 
     def arm(self):
         self.armed = True
@@ -114,11 +114,11 @@ def once(parts):
 @pytest.fixture(scope="module")
 def flight(scenario, tmp_path_factory):
     """The test with a vehicle behind a link, and what was told."""
-    clock, told = Clock(SPEED), []
+    clock, reported = Clock(SPEED), []
     vehicle, folder = Still(clock), tmp_path_factory.mktemp("live") / "run"
-    flown = fly_live(scenario, vehicle, [], clock, folder, arm=lambda ready: True, tell=told.append)
+    flown = fly_live(scenario, vehicle, [], clock, folder, arm=lambda ready: True, tell=reported.append)
     assert vehicle.armed and vehicle.stopped
-    return flown, told
+    return flown, reported
 
 
 def test_a_test_over_a_link_is_done_and_says_so_as_a_simulated_one(flight):
@@ -154,9 +154,9 @@ def test_nobody_tilts_a_twin_that_is_served(scenario):
 
 
 def test_the_operator_is_told_what_comes_and_when_to_let_go(flight, scenario):
-    told = [(cue.t, cue.text, cue.hand) for cue in flight[1]]
+    reports = [(cue.t, cue.text, cue.hand) for cue in flight[1]]
     tilt = "30 deg with the starboard side down and 10 deg with the bow down"
-    assert told == [
+    assert reports == [
         (0.0, "steps surge +0.6, 2 s", False),
         (0.0, f"soon by hand: {tilt}. Wait for the word", True),
         (2.0, "home, 3 s", False),
@@ -209,14 +209,14 @@ def test_a_link_lost_in_mid_test_stops_the_thrusters_and_keeps_the_log(tmp_path,
     read = vehicle.read
 
     def lost():
-        if len(vehicle.told) == 80:
+        if len(vehicle.sent) == 80:
             raise LinkError("the cable is cut")
         return read()
 
     vehicle.read = lost
     flown = fly_live(scenario, vehicle, [], clock, tmp_path / "run", arm=lambda ready: True)
     assert flown.summary["reason"] == "link lost: the cable is cut" and not flown.completed
-    assert np.abs(vehicle.told[-1]).max() > 0.5, "in the middle of the pull"
+    assert np.abs(vehicle.sent[-1]).max() > 0.5, "in the middle of the pull"
     assert vehicle.stopped and len(Log.read(tmp_path / "run" / "log.mcap")["autopilot/command"]) == 80
     (record,) = read_records(tmp_path / "run" / "log.mcap", load_vehicle("double_blueye"))
     assert record.duration == pytest.approx(1.6, abs=0.5)
@@ -226,13 +226,13 @@ def test_without_thrust_all_is_computed_and_no_identification_takes_it(tmp_path,
     clock, run = Clock(SPEED), tmp_path / "run"
     vehicle = Still(clock)
     flown = fly_live(scenario, vehicle, [], clock, run, arm=lambda ready: True, thrust=False)
-    assert flown.completed and not vehicle.armed and len(vehicle.told) == 751 and not np.any(vehicle.told)
+    assert flown.completed and not vehicle.armed and len(vehicle.sent) == 751 and not np.any(vehicle.sent)
     assert np.abs(flown.log["autopilot/command"].values).max() >= 0.6
     with pytest.raises(IdentificationError, match="--no-thrust.*never sent"):
         read_records(run / "log.mcap", load_vehicle("double_blueye"))
 
 
-def heard(scenario, without="", patience=2.0):
+def listened_to(scenario, without="", patience=2.0):
     """What is heard of a vehicle without one of its sensors."""
     clock = Clock(SPEED)
     needed = live.needed_by(scenario)
@@ -251,15 +251,15 @@ def heard(scenario, without="", patience=2.0):
     ],
 )
 def test_only_a_test_that_comes_home_needs_positions(manoeuvre, needs):
-    wanted = short([manoeuvre])
-    assert needs_position(wanted) == needs
+    expected = short([manoeuvre])
+    assert needs_position(expected) == needs
     assert needs_position(short([manoeuvre], operator=[{"at": 1.0, "ask": "pause"}])), "it holds its place then"
-    np.testing.assert_allclose(heard(wanted).start.position, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(listened_to(expected).start.position, [1.0, 2.0, 3.0])
     if needs:
         with pytest.raises(LinkTimeout, match="expected position too.*--sensor ugps.*without home, between, and keep"):
-            heard(wanted, without="position", patience=0.2)
+            listened_to(expected, without="position", patience=0.2)
     else:
-        found = heard(wanted, without="position")
+        found = listened_to(expected, without="position")
         np.testing.assert_allclose(found.start.position, [0.0, 0.0, 3.0])
         assert found.missing == ("position",)
 
@@ -267,7 +267,7 @@ def test_only_a_test_that_comes_home_needs_positions(manoeuvre, needs):
 @pytest.mark.parametrize("silent", ["pressure", "attitude", "gyro"])
 def test_a_test_needs_what_it_reads(scenario, silent):
     with pytest.raises(LinkTimeout, match=f"expected {silent}"):
-        heard(scenario, without=silent, patience=0.2)
+        listened_to(scenario, without=silent, patience=0.2)
 
 
 def test_without_positions_no_thruster_looks_for_home(parts):

@@ -6,7 +6,7 @@ import pytest
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
 from rovtwin.core.sensors import IMU
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.live.serving.host import ServedVehicle
 from rovtwin.live.serving.protocols import known, own_protocol, places_of, world_for
 from rovtwin.live.serving.replayed import ReplayedVehicle
@@ -22,10 +22,10 @@ def vehicle() -> ServedVehicle:
     return ServedVehicle(world_for("double_blueye", AFT, None))
 
 
-def run(vehicle: ServedVehicle, seconds: float, **wish):
+def run(vehicle: ServedVehicle, seconds: float, **command):
     """Both drones with the same wish for so long; all readings."""
-    wishes = {drone: Wish(drone, **({"armed": True} | wish)) for drone in DRONES}
-    return [r for _ in range(round(seconds / vehicle.dt)) for r in vehicle.advance(wishes)]
+    commands = {drone: PilotCommand(drone, **({"armed": True} | command)) for drone in DRONES}
+    return [r for _ in range(round(seconds / vehicle.dt)) for r in vehicle.advance(commands)]
 
 
 def test_a_vehicle_that_nobody_wishes_anything_of_is_at_rest(vehicle):
@@ -108,10 +108,10 @@ def test_each_drone_measures_with_its_own_sensors_at_its_own_place(vehicle):
 def test_the_filter_and_motion_capture_see_the_truth(vehicle):
     # A drift of the estimate's place is the positions' noise; depth and attitude are known to millimetres.
     readings = run(vehicle, 3.0)
-    believed = next(r.value for r in reversed(readings) if r.sensor == "estimate")
+    estimated = next(r.value for r in reversed(readings) if r.sensor == "estimate")
     seen = next(r.value for r in reversed(readings) if r.sensor == "mocap")
     eta = vehicle.truth["eta"]
-    np.testing.assert_allclose(believed[2:6], eta[2:6], atol=0.02)
+    np.testing.assert_allclose(estimated[2:6], eta[2:6], atol=0.02)
     np.testing.assert_allclose(seen, eta, atol=0.02)
 
 
@@ -169,7 +169,7 @@ def log_of(readings: dict[str, np.ndarray], scenario: str | None = "lawnmower_ca
 def test_a_log_comes_again_reading_by_reading_for_each_drone():
     vehicle = ReplayedVehicle(log_of({"pressure": np.arange(1, 51) * 0.02, "position": np.array([0.5])}))
     assert vehicle.drones == DRONES and vehicle.duration == pytest.approx(1.02)
-    came = [r for _ in range(51) for r in vehicle.advance({"port": Wish("port", True, (1.0,) * 6)})]
+    came = [r for _ in range(51) for r in vehicle.advance({"port": PilotCommand("port", True, (1.0,) * 6)})]
     depth = [r.value[0] for r in came if r.sensor == "port/pressure"]
     assert depth == list(range(50)) == [r.value[0] for r in came if r.sensor == "starboard/pressure"]
     assert [r.t_valid for r in came if r.sensor == "position"] == [0.5]

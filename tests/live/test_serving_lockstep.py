@@ -60,27 +60,27 @@ def firmware(physics):
 
 def test_at_rest_the_accelerometer_reads_gravity(firmware):
     for _ in range(50):
-        told = firmware.frame([NEUTRAL] * 8)
-    assert told["timestamp"] == pytest.approx(50 / RATE)
-    np.testing.assert_allclose(told["imu"]["accel_body"], [0.0, 0.0, -9.81], atol=0.1)
-    np.testing.assert_allclose(told["imu"]["gyro"], 0.0, atol=0.01)
+        reported = firmware.frame([NEUTRAL] * 8)
+    assert reported["timestamp"] == pytest.approx(50 / RATE)
+    np.testing.assert_allclose(reported["imu"]["accel_body"], [0.0, 0.0, -9.81], atol=0.1)
+    np.testing.assert_allclose(reported["imu"]["gyro"], 0.0, atol=0.01)
 
 
 def test_the_firmwares_dive_turn_and_surge(firmware):
     """Forward and yaw as ArduSub's 6DOF frame adds them up, seen in the truth it gets back."""
     forward, yaw = [-1, -1, 1, 1, 0, 0, 0, 0], [1, -1, -1, 1, 0, 0, 0, 0]
     for _ in range(FRAMES):
-        told = firmware.frame([NEUTRAL + 120 * f for f in forward])
-    assert told["velocity"][0] > 0.1 and abs(told["velocity"][1]) < 0.01
+        reported = firmware.frame([NEUTRAL + 120 * f for f in forward])
+    assert reported["velocity"][0] > 0.1 and abs(reported["velocity"][1]) < 0.01
     for _ in range(FRAMES):
-        told = firmware.frame([NEUTRAL + 60 * y for y in yaw])
-    assert told["imu"]["gyro"][2] > 0.05
-    assert told["position"][2] == pytest.approx(0.5, abs=0.3)
+        reported = firmware.frame([NEUTRAL + 60 * y for y in yaw])
+    assert reported["imu"]["gyro"][2] > 0.05
+    assert reported["position"][2] == pytest.approx(0.5, abs=0.3)
 
 
 def test_the_truth_is_logged(tmp_path):
     """What came back to the firmware is in the log, 50 times a simulated second."""
-    path, told = tmp_path / "truth.mcap", []
+    path, reported = tmp_path / "truth.mcap", []
     where = Where(["127.0.0.1"], free_port())
 
     def fly(text: str) -> None:
@@ -91,14 +91,14 @@ def test_the_truth_is_logged(tmp_path):
         firmware = Firmware(where.port)
         with suppress(TimeoutError, ConnectionError):  # once it has been served for long enough
             for _ in range(600):
-                told.append(firmware.frame([NEUTRAL + 100] * 2 + [NEUTRAL - 100] * 2 + [NEUTRAL] * 4))
+                reported.append(firmware.frame([NEUTRAL + 100] * 2 + [NEUTRAL - 100] * 2 + [NEUTRAL] * 4))
 
     served = serve_firmware(world_for("bluerov2_heavy", [], None), ARDUSUB_JSON, where, 0.49, fly, log=path)
     log = Log.read(path)
     truth = log["truth/eta"]
     assert served == pytest.approx(0.49, abs=0.01) and len(truth) == 24 and set(log["truth/command"].values[0]) != {0.0}
     assert np.diff(truth.t) == pytest.approx(0.02, abs=1e-3)
-    seen = {round(one["timestamp"], 6): one for one in told}
+    seen = {round(one["timestamp"], 6): one for one in reported}
     for t, eta in zip(truth.t, truth.values, strict=True):
         np.testing.assert_allclose(eta[:3], seen[round(float(t), 6)]["position"], atol=1e-6)
 

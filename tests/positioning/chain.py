@@ -21,7 +21,7 @@ from rovtwin.positioning.track import Method
 from rovtwin.runs.fly import fly
 from rovtwin.runs.track import TrackOptions, track_run
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.schema.trial import AXES
+from rovtwin.scenario.schema.experiment import AXES
 from rovtwin.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 
 TRUTH = "double_blueye_thesis"

@@ -24,7 +24,7 @@ from rovtwin.planning.records import _signal, free_spans, trial_records
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.run.verdict import verdict
 from rovtwin.runs.compose.composition import compose
-from rovtwin.runs.compose.experiment import pieces_of, spans_of, trial_of
+from rovtwin.runs.compose.experiment import experiment_of, pieces_of, spans_of
 from rovtwin.runs.compose.fit_experiment import fitted_test
 from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.runs.fly import fly
@@ -278,7 +278,7 @@ def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name,
         assert not able.any() or (name == "free_running_sway" and "sway is left out" in str(error))
         return
     vehicle = load_vehicle(reference)
-    trial = trial_of(scenario, model, vehicle, sensors_of(scenario, vehicle))
+    trial = experiment_of(scenario, model, vehicle, sensors_of(scenario, vehicle))
     excited = np.abs(np.asarray(trial.timeline.share)).max(axis=0) > 0
     assert not excited[~able].any()
     assert spans_of(scenario)[-1]["end"] <= scenario.duration

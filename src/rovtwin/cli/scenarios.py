@@ -88,9 +88,9 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
         return
     screen = console(False)
     screen.print(f"{scenario}: usable", markup=False)
-    for said in (*lines, line, empty, assumed):
-        if said:
-            screen.print(f"- {said}", markup=False, soft_wrap=True)
+    for text in (*lines, line, empty, assumed):
+        if text:
+            screen.print(f"- {text}", markup=False, soft_wrap=True)
 
 
 @scenario_app.command("schema")

@@ -31,7 +31,7 @@ from rovtwin.vehicle import Vehicle
 NICE = 15
 ENDING = 1.0  # a process that does not end by itself in this time is killed [s]
 JUDGED = 10.0  # a shorter record raises false alarms [s]
-TOLD = 0.9  # of the prior's width, from which a parameter counts as told by the test
+INFORMED = 0.9  # of the prior's width, from which a parameter counts as told by the test
 # What a test that goes on may still have in store.
 NOT_YET = ("no_excitation", "unexcited")
 
@@ -98,8 +98,8 @@ class Assessor:
             self._quick = Quick(self._tested.vehicle, self._tested.duration, self._tested.pieces)
         found = self._quick.estimate(records)
         rows = [row | {"coupling": place_of(row["name"]) is not None} for row in found.rows()]
-        told = sum(row["ratio"] < TOLD for row in rows)
-        return {"rows": rows, "told": told, "changes": found.changes}
+        informed = sum(row["ratio"] < INFORMED for row in rows)
+        return {"rows": rows, "informed": informed, "changes": found.changes}
 
 
 def _is_whole(log: Path) -> bool:

@@ -54,7 +54,7 @@ class Client:
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._stopping: dict[bytes, asyncio.Future[None]] = {}
         self.last: dict[str, dict[str, Any]] = {}
-        self.heard_at = -1e9
+        self.received_at = -1e9
 
     async def listen(self) -> None:
         """Until cancelled."""
@@ -68,7 +68,7 @@ class Client:
     @property
     def hung(self) -> bool:
         """Whether the engine has not been heard for a while."""
-        return time.monotonic() - self.heard_at > HUNG
+        return time.monotonic() - self.received_at > HUNG
 
     async def stop(self) -> bool:
         """Thrusters off, past the engine; False where there is no vehicle to stop.
@@ -109,8 +109,8 @@ class Client:
     def tell(self, do: str, /, **what: Any) -> None:
         """An order that nobody waits for: it is said at once or not at all."""
         # Through the socket of the event loop: to send past it may swallow the sign that an answer has come.
-        said: Any = self._mouth.send(encode(what | {"do": do, "sent": time.monotonic()}), zmq.NOBLOCK)
-        said.exception()  # an engine that takes no more orders hangs, and is known to
+        sent: Any = self._mouth.send(encode(what | {"do": do, "sent": time.monotonic()}), zmq.NOBLOCK)
+        sent.exception()  # an engine that takes no more orders hangs, and is known to
 
     async def ask(self, do: str, /, **what: Any) -> dict[str, Any]:
         """An order; what the engine answers.
@@ -141,7 +141,7 @@ class Client:
     async def _hear_news(self) -> None:
         while True:
             text = await self._ear.recv()
-            self.heard_at = time.monotonic()
+            self.received_at = time.monotonic()
             try:
                 message = json.loads(text)
                 self.last[message["kind"]] = message

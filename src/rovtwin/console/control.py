@@ -62,7 +62,7 @@ class Rights:
         if self.holder == name:
             self.asked = None
 
-    def told(self, name: str) -> dict[str, Any]:
+    def message(self, name: str) -> dict[str, Any]:
         """What a browser is told."""
         return {
             "kind": "rights",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.state import TOLD, progress
+from rovtwin.console.engine.state import SHOWN, progress
 from rovtwin.console.replay import Recording
 from rovtwin.console.tape import Held
 from rovtwin.core.flow import PHASES
@@ -31,8 +31,8 @@ def history(recording: Recording) -> bytes:
     t = start + step * np.arange(int(duration / step) + 1)
     columns = [*_plain(recording, t), *_course(recording, t), *_consistency(recording, t), *_sensors(recording, t)]
     rows = np.concatenate([values.reshape(len(t), -1) for _, _, values in columns], axis=1).astype("<f4")
-    told = [[path, width] for path, width, _ in columns]
-    header = json.dumps({"count": len(t), "start": start, "step": step, "columns": told}).encode()
+    listed = [[path, width] for path, width, _ in columns]
+    header = json.dumps({"count": len(t), "start": start, "step": step, "columns": listed}).encode()
     header += b" " * (-len(header) % 4)
     return len(header).to_bytes(4, "little") + header + rows.tobytes()
 
@@ -65,22 +65,22 @@ def _course(recording: Recording, t: np.ndarray) -> list[Column]:
 
 
 def _consistency(recording: Recording, t: np.ndarray) -> list[Column]:
-    told = [recording.consistency.told(at) for at in t.tolist()]
-    names = sorted({name for one in told for name in one})
+    reports = [recording.consistency.report(at) for at in t.tolist()]
+    names = sorted({name for one in reports for name in one})
     nothing = [np.nan] * 4
-    return [(f"nis.{name}", 4, np.array([one.get(name, nothing) for one in told])) for name in names]
+    return [(f"nis.{name}", 4, np.array([one.get(name, nothing) for one in reports])) for name in names]
 
 
 def _sensors(recording: Recording, t: np.ndarray) -> list[Column]:
     found = []
     for name, held in recording.readings.items():
         last = held.last(t)
-        heard = last >= 0
-        found.append((f"sensors.{name}.age", 0, np.where(heard, t - held.t[np.maximum(last, 0)], np.nan)))
-        if kind_of(name) in TOLD:
-            found.append((f"sensors.{name}.value", held.values.shape[1], _where(heard, held, t)))
+        received = last >= 0
+        found.append((f"sensors.{name}.age", 0, np.where(received, t - held.t[np.maximum(last, 0)], np.nan)))
+        if kind_of(name) in SHOWN:
+            found.append((f"sensors.{name}.value", held.values.shape[1], _where(received, held, t)))
     return found
 
 
-def _where(heard: np.ndarray, held: Held, t: np.ndarray) -> Any:
-    return np.where(heard[:, None], held.at(t), np.nan)
+def _where(received: np.ndarray, held: Held, t: np.ndarray) -> Any:
+    return np.where(received[:, None], held.at(t), np.nan)

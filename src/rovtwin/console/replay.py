@@ -26,7 +26,7 @@ from rovtwin.simulation.camera.sensor import camera_named
 from rovtwin.vehicle import Vehicle
 
 LOG = "log.mcap"
-TOLD_OF = {  # what of a state rests on what of the log
+SOURCES_OF = {  # what of a state rests on what of the log
     "eta": ("eta", "to_go"),
     "nu": ("nu",),
     "bias": ("bias",),
@@ -114,11 +114,11 @@ class Recording:
 
     def state(self, t: float) -> dict[str, Any]:
         """All that was the case at a time [s]; the pace at which somebody looks at it is not in it."""
-        told = flown(self._output(t), self.count(t))
-        told |= {key: None for name, keys in TOLD_OF.items() if name not in self.tape for key in keys}
+        report = flown(self._output(t), self.count(t))
+        report |= {key: None for name, keys in SOURCES_OF.items() if name not in self.tape for key in keys}
         timing = self.at("timing", t)
         late, age, thrust = (None, 0.0, 1.0) if timing is None else timing
-        state = told | {
+        state = report | {
             "kind": "state",
             "replay": True,
             "stage": "replay",
@@ -132,8 +132,8 @@ class Recording:
             "hung": False,
             "submitted": True,
             "wave": None,  # is not logged
-            "sensors": self.heard(t),
-            "nis": self.consistency.told(t),
+            "sensors": self.sensors(t),
+            "nis": self.consistency.report(t),
             "late_ms": late,
             "link_age": age,
             "operator_age": None,
@@ -145,15 +145,15 @@ class Recording:
         health = [] if state["health"] is None else state["health"]
         return state | {"alerts": alerts(state | {"health": health}, self.thrusters)}
 
-    def heard(self, t: float) -> dict[str, Any]:
+    def sensors(self, t: float) -> dict[str, Any]:
         """Age and newest value of every sensor at a time [s]."""
-        hearing = SensorStatus(sorted(self.readings))
+        status = SensorStatus(sorted(self.readings))
         for name, held in self.readings.items():
             if (last := held.last(t)) >= 0:
                 at = float(held.t[last])
-                hearing.hear([Measurement(name, held.values[last], at)])
-                hearing.news(at)
-        return hearing.told(t)["sensors"]
+                status.hear([Measurement(name, held.values[last], at)])
+                status.news(at)
+        return status.report(t)["sensors"]
 
     def setup(self) -> dict[str, Any]:
         """What does not change; where looks and pictures are served is for the server to say."""

@@ -111,7 +111,7 @@ class Consistency:
             self._sums = [np.concatenate([zero, np.cumsum(log[name].values, axis=0)]) for name in names]
         self._judged = lru_cache(maxsize=8192)(self._judged_at)
 
-    def told(self, t: float) -> dict[str, Any]:
+    def report(self, t: float) -> dict[str, Any]:
         """As `engine.state.Consistency` tells it; renewed once a second."""
         return self._judged(int(t)) if self._names else {}
 

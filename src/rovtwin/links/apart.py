@@ -1,7 +1,7 @@
 """The process that speaks protocols, apart from the physics, so that neither waits for the other.
 
 Either side may be killed at any time: the pipe between them closes, the vehicle turns its thrusters off, the server
-closes its sockets. A side that hangs is noticed by the age of its wishes.
+closes its sockets. A side that hangs is noticed by the age of its commands.
 """
 
 import asyncio
@@ -17,18 +17,18 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.core.urgent import settle, urgent
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
-from rovtwin.links.wish import Wish
 
-WISH_LIFE = COMMAND_LIFE  # a wish older than this is none [s]
+PILOT_COMMAND_LIFE = COMMAND_LIFE  # a command older than this counts no more [s]
 GONE = "it ended, or was killed; thrusters are off"
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
 STARTING = 20.0  # a new process must be up within this [s]
 
 
 class Protocols:
-    """Servers in a process of their own, seen from the vehicle: readings go there, wishes come back."""
+    """Servers in a process of their own, seen from the vehicle: readings go there, pilots' commands come back."""
 
     def __init__(self, servers: Sequence[Server], drones: Sequence[str], speed: float = 1.0):
         """Starts the process and waits until it runs.
@@ -43,8 +43,8 @@ class Protocols:
         )
         self._process.start()
         theirs.close()  # or its end would never be seen closed here
-        self._wishes: dict[str, tuple[float, Wish]] = {}
-        self._said: list[str] = []
+        self._commands: dict[str, tuple[float, PilotCommand]] = {}
+        self._messages: list[str] = []
         self._lost: str | None = None
         self.left_out = 0
         if not self._pipe.poll(STARTING):
@@ -67,46 +67,51 @@ class Protocols:
         except OSError:
             self._lost = self._lost or GONE
 
-    def wishes(self) -> dict[str, Wish]:
-        """The wishes that hold now, by drone."""
+    def commands(self) -> dict[str, PilotCommand]:
+        """The commands that hold now, by drone."""
         self._listen()
         if self._lost is not None:
             return {}
-        # Its age counts from when it was wished: one that waited in the pipe for a vehicle that hung is old.
-        oldest = time.monotonic() - WISH_LIFE
-        return {drone: wish for drone, (wished, wish) in self._wishes.items() if wished >= oldest}
+        # Its age counts from when it was given: one that waited in the pipe for a vehicle that hung is old.
+        oldest = time.monotonic() - PILOT_COMMAND_LIFE
+        return {drone: command for drone, (commanded_at, command) in self._commands.items() if commanded_at >= oldest}
 
-    def said(self) -> list[str]:
+    def messages(self) -> list[str]:
         """What servers had to say since the last call.
 
         Raises:
             LinkError: The process is gone, or a server failed.
         """
         self._listen()
-        said, self._said = self._said, []
-        if self._lost is not None and not said:
+        messages, self._messages = self._messages, []
+        if self._lost is not None and not messages:
             raise LinkError(f"the process of protocols: {self._lost}")
-        return said
+        return messages
 
     def _listen(self) -> None:
         try:
             while self._lost is None and self._pipe.poll():
                 kind, content = self._pipe.recv()
-                if kind == "wish":
+                if kind == "command":
                     self._hear(*content)
                 elif kind == "say":
-                    self._said.append(content)
+                    self._messages.append(content)
                 elif kind == "failed":
                     self._lost = content
         except (EOFError, OSError):
             self._lost = self._lost or GONE
 
-    def _hear(self, wished: float, wish: Wish) -> None:
-        """Keep the newest wish of a drone; of two servers that speak for one, who disarms is heard."""
-        before = self._wishes.get(wish.drone)
-        if wish.armed and before is not None and not before[1].armed and wished - before[0] < WISH_LIFE:
+    def _hear(self, commanded_at: float, command: PilotCommand) -> None:
+        """Keep the newest command of a drone; of two servers that speak for one, the one that disarms counts."""
+        before = self._commands.get(command.drone)
+        if (
+            command.armed
+            and before is not None
+            and not before[1].armed
+            and commanded_at - before[0] < PILOT_COMMAND_LIFE
+        ):
             return
-        self._wishes[wish.drone] = (wished, wish)
+        self._commands[command.drone] = (commanded_at, command)
 
     def close(self) -> None:
         """End the process; may be called twice."""
@@ -142,7 +147,10 @@ def _main(pipe: Connection, servers: list[Server], drones: tuple[str, ...], spee
 async def _serve(pipe: Connection, servers: list[Server], drones: tuple[str, ...], speed: float) -> None:
     loop, over = asyncio.get_running_loop(), asyncio.Event()
     station = Station(
-        drones, lambda wish: _tell(pipe, "wish", (time.monotonic(), wish)), lambda text: _tell(pipe, "say", text), speed
+        drones,
+        lambda command: _tell(pipe, "command", (time.monotonic(), command)),
+        lambda text: _tell(pipe, "say", text),
+        speed,
     )
 
     def hear() -> None:

@@ -39,7 +39,7 @@ class BackgroundSource(Source):
         self._readings: deque[Measurement] = deque(maxlen=BACKLOG)
         self._lock = threading.Lock()
         self._closed = threading.Event()
-        self._heard = False
+        self._connected = False
         self._thread = threading.Thread(target=self._run, name=where, daemon=True)
 
     def read(self) -> list[Measurement]:
@@ -68,21 +68,21 @@ class BackgroundSource(Source):
     def _run(self) -> None:
         pause = FIRST_PAUSE
         while not self._closed.is_set():
-            self._heard = False
+            self._connected = False
             try:
                 self._visit()
                 reason = "the other end hung up"
             except Exception as error:  # whatever comes from the network: the thread goes on
                 reason = str(error) or type(error).__name__
-            pause = FIRST_PAUSE if self._heard else min(2.0 * pause, LONGEST_PAUSE)
+            pause = FIRST_PAUSE if self._connected else min(2.0 * pause, LONGEST_PAUSE)
             if not self._closed.is_set():
                 self.status = f"{self.where}: {reason}; trying again in {pause:.1f} s"
             self._closed.wait(pause)
 
     def _reached(self) -> None:
         """To be called when the instrument has said something that makes sense."""
-        self.connections += not self._heard
-        self._heard = True
+        self.connections += not self._connected
+        self._connected = True
         self.status = f"{self.where}: connected"
 
     def _keep(self, sensor: str, value: Sequence[float] | np.ndarray, t_valid: float) -> None:

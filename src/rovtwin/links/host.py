@@ -88,8 +88,8 @@ class _Host:
 
     def __init__(self, pipe: Connection, link: Link, off: np.ndarray):
         self._pipe, self._link, self._off = pipe, link, off
-        self._came, self._live, self._told, self._slept = 0.0, False, 0.0, _asleep()
-        self._heard: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
+        self._came, self._live, self._reported_at, self._slept = 0.0, False, 0.0, _asleep()
+        self._received: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
         self._answers: SimpleQueue[str] = SimpleQueue()
         self._busy = False
         self._stopped_at = -np.inf  # when it was last told to stop; arming that was asked for before counts no more
@@ -106,7 +106,7 @@ class _Host:
                 self._obey(self._newest())
                 news = self._link.read()
                 self._busy = bool(news)
-                self._heard += [(r.sensor, r.value, r.t_valid) for r in news]
+                self._received += [(r.sensor, r.value, r.t_valid) for r in news]
                 self._report()
             except (EOFError, OSError):
                 return
@@ -168,13 +168,13 @@ class _Host:
     def _report(self) -> None:
         """Readings, and a sign of life. An autopilot that does not read must not keep us from minding the thrusters."""
         now = time.monotonic()
-        if not (self._heard or now - self._told > SIGN_OF_LIFE) or not writable(self._pipe):
+        if not (self._received or now - self._reported_at > SIGN_OF_LIFE) or not writable(self._pipe):
             return
-        slice_ = [self._heard.popleft() for _ in range(min(len(self._heard), AT_ONCE))]
-        self._pipe.send(("heard", (self._link.age, self._stopped_at, slice_)))
+        slice_ = [self._received.popleft() for _ in range(min(len(self._received), AT_ONCE))]
+        self._pipe.send(("readings", (self._link.age, self._stopped_at, slice_)))
         if not self._answers.empty():
             self._pipe.send(("armed", self._answers.get()))
-        self._told = now
+        self._reported_at = now
 
 
 def _listen_for_stop(path: Path, stop: Callable[[], None]) -> None:

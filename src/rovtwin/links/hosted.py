@@ -47,8 +47,8 @@ class HostedLink(Link):
         self._readings: list[Measurement] = []
         self._begun, self._open, self._stopped, self._closed = False, False, False, False
         self._armed: str | None = None
-        self._asked_at, self.stopped_at, self._unsaid = -np.inf, -np.inf, False
-        self._told_age, self._told_at = 0.0, time.monotonic()
+        self._asked_at, self.stopped_at, self._stop_pending = -np.inf, -np.inf, False
+        self._reported_age, self._reported_at = 0.0, time.monotonic()
         until = time.monotonic() + patience
         while not self._open and self._failed is None and time.monotonic() < until:
             self._pipe.poll(0.1)
@@ -91,7 +91,7 @@ class HostedLink(Link):
 
     @property
     def age(self) -> float:
-        return self._told_age + time.monotonic() - self._told_at
+        return self._reported_age + time.monotonic() - self._reported_at
 
     def read(self) -> list[Measurement]:
         if self._closed:
@@ -120,7 +120,7 @@ class HostedLink(Link):
         """Arm without waiting for it: `refused` says what came of it.
 
         Args:
-            asked_at: When the operator asked for it [s, monotonic]; a stop since then is the graver wish. None: now.
+            asked_at: When the operator asked for it [s, monotonic]; a stop since then is the graver order. None: now.
         """
         self._armed, self._asked_at = None, time.monotonic() if asked_at is None else asked_at
         self._until = time.monotonic() + ARMING
@@ -139,13 +139,13 @@ class HostedLink(Link):
         self._tell("tell", order)
 
     def stop(self) -> None:
-        self._stopped, self._asked_at, self._unsaid = True, -np.inf, True
+        self._stopped, self._asked_at, self._stop_pending = True, -np.inf, True
         self._say_stop()
 
     def _say_stop(self) -> None:
         """A stop that a host did not hear because it hung is the first thing that it hears when it listens again."""
-        if self._unsaid and not self._closed and writable(self._pipe):
-            self._unsaid = False
+        if self._stop_pending and not self._closed and writable(self._pipe):
+            self._stop_pending = False
             self._put("stop", None)
 
     def close(self) -> None:
@@ -162,7 +162,7 @@ class HostedLink(Link):
     def _tell(self, kind: str, content: object) -> None:
         # A host that hangs does not read: what it would not hear in time is not said, so that nobody hangs with it.
         self._say_stop()
-        if not self._closed and not self._unsaid and writable(self._pipe):
+        if not self._closed and not self._stop_pending and writable(self._pipe):
             self._put(kind, content)
 
     def _put(self, kind: str, content: object) -> None:
@@ -187,8 +187,8 @@ class HostedLink(Link):
                     # A vehicle that may be armed again after a stop obeys again, unless it was stopped meanwhile.
                     self._stopped = self._stopped and (content != "" or self._asked_at == -np.inf)
                 else:
-                    self._told_age, self.stopped_at, readings = content
-                    self._told_at = time.monotonic()
+                    self._reported_age, self.stopped_at, readings = content
+                    self._reported_at = time.monotonic()
                     self._readings += [Measurement(*reading) for reading in readings]
         except (EOFError, OSError):
             self._failed = self._failed or GONE

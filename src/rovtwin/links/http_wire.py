@@ -52,8 +52,8 @@ def parse_request(head: bytes) -> Request:
         raise LinkError("path: expected plain ASCII") from None
     if "transfer-encoding" in headers:
         raise LinkError("transfer-encoding: expected a body of a stated Content-Length")
-    wish = headers.get("connection", "").lower()
-    keep = wish == "keep-alive" if words[2] == "HTTP/1.0" else wish != "close"
+    connection = headers.get("connection", "").lower()
+    keep = connection == "keep-alive" if words[2] == "HTTP/1.0" else connection != "close"
     return Request(words[0].upper(), path, headers, _length(headers), keep)
 
 

@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 
 BACKLOG = 64  # batches of readings that a slow server may be behind before it loses the oldest
 
 
 class Station:
-    """A vehicle's readings as they come, and where wishes for it go.
+    """A vehicle's readings as they come, and where commands for it go.
 
     A vehicle of several drones names what one of them measures `<drone>/<sensor>`; what measures the whole vehicle has
     the sensor's name alone. Beside the sensors of a scenario (SI and radians, see `simulation.sensors`) there are:
@@ -30,11 +30,11 @@ class Station:
     def __init__(
         self,
         drones: Sequence[str] = ("",),
-        send: Callable[[Wish], None] = lambda wish: None,
+        send: Callable[[PilotCommand], None] = lambda command: None,
         say: Callable[[str], None] = lambda text: None,
         speed: float = 1.0,
     ):
-        """`send` takes wishes to the vehicle, `say` what a user should know (addresses, clients that come and go)."""
+        """`send` takes commands to the vehicle, `say` what a user should know (addresses, clients that come and go)."""
         self.drones = tuple(drones)
         self.speed = speed
         self.now = 0.0
@@ -46,9 +46,9 @@ class Station:
         """Tell the user something; what a client is called must not steer their terminal."""
         self._say("".join(c if c.isprintable() else "?" for c in text))
 
-    def wish(self, wish: Wish) -> None:
-        """Take a wish to the vehicle. It holds for 0.3 s: a server repeats it while its client lives."""
-        self._send(wish)
+    def command(self, command: PilotCommand) -> None:
+        """Take a command to the vehicle. It holds for 0.3 s: a server repeats it while its client lives."""
+        self._send(command)
 
     def feed(self, now: float, readings: list[Measurement]) -> None:
         """The vehicle's newest readings, for all who listen; `now` is its time [s]."""

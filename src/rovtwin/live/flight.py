@@ -84,7 +84,7 @@ def fly_live(
         for line in assumptions(scenario, composed.scenario):
             warn(line)
         scenario = fitted(fitted_test(scenario), composed.model)
-        ears = SensorMux(link, sources)
+        mux = SensorMux(link, sources)
         _rewound(link)
         needed = needed_by(scenario)
         known: dict[str, Any] = {
@@ -92,8 +92,8 @@ def fly_live(
             "rotation": rotated(composed.loop.twin.sensors).get("attitude"),
             "position_noise": composed.position_noise,
         }
-        readiness = listen(ears, composed.sensor_names, say, clock.speed, **known)
-        loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
+        readiness = listen(mux, composed.sensor_names, say, clock.speed, **known)
+        loop = _LiveLoop(composed, scenario, readiness, link, mux, clock, thrust)
         folder = new_folder(folder)
         metadata = metadata_of(scenario, composed, folder, thrust)
         monitor, unwatched = monitor_of(composed, scenario) if thrust else (None, "")
@@ -109,7 +109,7 @@ def fly_live(
                 # It may have drifted while everything was compiled and somebody thought.
                 _rewound(link)
                 also = [name for name in ("position",) if name in readiness.rates]
-                loop.start_from(listen(ears, also, say, clock.speed, **known))
+                loop.start_from(listen(mux, also, say, clock.speed, **known))
                 if thrust:
                     link.arm()
                 ending = loop.fly(recorder, lambda utc: log.annotate(beginning(scenario, utc)), progress, tell)
@@ -174,7 +174,7 @@ class _LiveLoop:
         scenario: Scenario,
         readiness: Readiness,
         link: Link,
-        ears: SensorMux,
+        mux: SensorMux,
         clock: Clock,
         thrust: bool,
     ):
@@ -185,7 +185,7 @@ class _LiveLoop:
         self._autopilot = HostAutopilot(loop.autopilot, self._begin(readiness.start), slots, scenario.control_dt)
         self._above = above(loop.topside, scenario.control_dt)
         self._above(0)
-        self._link, self._ears, self._clock = link, ears, clock
+        self._link, self._mux, self._clock = link, mux, clock
         self._dt, self._thrust = scenario.control_dt, thrust
         self._total, self._chunk = ticks_in(scenario.duration, self._dt) + 1, ticks_in(CHUNK, self._dt)
         self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
@@ -211,9 +211,9 @@ class _LiveLoop:
         ending = ""
         settle()
         _rewound(self._link)  # a short log may have ended by now, and says so when read
-        self._ears.drain()
+        self._mux.drain()
         _rewound(self._link)
-        self._ears.zero = began = self._clock.next(self._dt)
+        self._mux.zero = began = self._clock.next(self._dt)
         then = self._link.datum if isinstance(self._link, ReplayLink) else None
         began_at(then.utc_start if then else utc_now((began - self._clock()) / self._clock.speed))
         with Interrupt() as interrupt, urgent(self._clock.speed <= 1.0):
@@ -237,7 +237,7 @@ class _LiveLoop:
 
     def _tick(self, k: int, began: float) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
         late = self.pace.wait(began + k * self._dt, self._clock, self._clock.speed)
-        readings = self._ears.read()
+        readings = self._mux.read()
         (_, operator_age, _), request, pilot = self._above(k)
         link_age = self._link.age * self._clock.speed
         periods = late * self._clock.speed / self._dt

@@ -59,7 +59,7 @@ def cues_of(scenario: Scenario) -> list[Cue]:
     for piece, span in _pieces(scenario):
         start, end, what = span["start"], span["end"], span["what"]
         if piece.by_hand:
-            tilt = attitude_said(piece)
+            tilt = attitude_text(piece)
             if start > 0.0:
                 cues.append(Cue(max(0.0, start - NOTICE), f"soon by hand: {tilt}. Wait for the word", True))
             cues.append(Cue(start, f"TILT IT, thrusters are off: {tilt}. Hold it still", True, what))
@@ -74,11 +74,11 @@ def cues_of(scenario: Scenario) -> list[Cue]:
 def plan(scenario: Scenario) -> list[tuple[float, str]]:
     """Before it is flown: from when [s], and what; a test that begins with a release says first what it takes."""
     lines = [
-        (span["start"], f"BY HAND: {attitude_said(piece)}" if piece.by_hand else span["what"])
+        (span["start"], f"BY HAND: {attitude_text(piece)}" if piece.by_hand else span["what"])
         for piece, span in _pieces(scenario)
     ]
     if tilted := _begins_tilted(scenario):
-        return [(0.0, f"BY HAND, before you arm: {attitude_said(tilted)}. Hold it until you are told"), *lines]
+        return [(0.0, f"BY HAND, before you arm: {attitude_text(tilted)}. Hold it until you are told"), *lines]
     return lines
 
 
@@ -95,12 +95,12 @@ def touched_spans(scenario: Scenario) -> list[dict[str, Any]]:
     return spans
 
 
-def attitude_said(piece: Piece) -> str:
+def attitude_text(piece: Piece) -> str:
     """Roll and pitch of a release for people, who know sides and no signs."""
     roll, pitch = piece.attitude_deg or (0.0, 0.0)
-    said = [f"{abs(roll):g} deg with the {'starboard' if roll > 0 else 'port'} side down"] if roll else []
-    said += [f"{abs(pitch):g} deg with the bow {'up' if pitch > 0 else 'down'}"] if pitch else []
-    return " and ".join(said) or "level"
+    angles = [f"{abs(roll):g} deg with the {'starboard' if roll > 0 else 'port'} side down"] if roll else []
+    angles += [f"{abs(pitch):g} deg with the bow {'up' if pitch > 0 else 'down'}"] if pitch else []
+    return " and ".join(angles) or "level"
 
 
 def _begins_tilted(scenario: Scenario) -> Piece | None:

@@ -73,7 +73,7 @@ class SensorMux:
 
 
 def listen(
-    ears: SensorMux,
+    mux: SensorMux,
     sensors: Sequence[str],
     say: Callable[[str], None] = lambda text: None,
     speed: float = 1.0,
@@ -85,7 +85,7 @@ def listen(
     """Listen until every sensor that the autopilot cannot do without has spoken, and all others had their time.
 
     Args:
-        ears: What is heard.
+        mux: Where readings come from.
         sensors: Those of the scenario.
         say: Told once a second what is waited for.
         speed: Of the clock of readings.
@@ -97,33 +97,33 @@ def listen(
     Raises:
         LinkTimeout: One of `needed` is not heard.
     """
-    heard: dict[str, list[np.ndarray]] = {}
-    ears.drain()
-    began = told = time.monotonic()
+    received: dict[str, list[np.ndarray]] = {}
+    mux.drain()
+    began = reported_at = time.monotonic()
     while True:
-        before = set(ears.instruments)
-        news = ears.read()
-        for name in ears.instruments - before:
-            heard.pop(name, None)  # what the vehicle said of it was in a frame of its own
+        before = set(mux.instruments)
+        news = mux.read()
+        for name in mux.instruments - before:
+            received.pop(name, None)  # what the vehicle said of it was in a frame of its own
         for reading in news:
-            heard.setdefault(reading.sensor, []).append(reading.value)
+            received.setdefault(reading.sensor, []).append(reading.value)
         waited = time.monotonic() - began
-        waiting = [name for name in needed if len(heard.get(name, ())) < (ENOUGH if name == "position" else 1)]
-        others = [name for name in sensors if name not in heard and name not in needed]
+        waiting = [name for name in needed if len(received.get(name, ())) < (ENOUGH if name == "position" else 1)]
+        others = [name for name in sensors if name not in received and name not in needed]
         if not waiting and (not others or waited > patience / 4) and waited > 1.0 / speed:
             break
         if waited > patience:
-            raise LinkTimeout(_missing({name: needed[name] for name in waiting}, sorted(heard), patience))
-        if time.monotonic() - told > 1.0:
-            told = time.monotonic()
+            raise LinkTimeout(_missing({name: needed[name] for name in waiting}, sorted(received), patience))
+        if time.monotonic() - reported_at > 1.0:
+            reported_at = time.monotonic()
             say(f"waiting for {', '.join(waiting or others)}")
         time.sleep(0.01)
-    start = _start(heard, rotation, position_noise)
-    return Readiness(start, {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
+    start = _start(received, rotation, position_noise)
+    return Readiness(start, {n: len(v) / (waited * speed) for n, v in received.items()}, tuple(others))
 
 
-def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> str:
-    found = ", ".join(heard) if heard else "nothing at all"
+def _missing(waiting: Mapping[str, str], received: list[str], patience: float) -> str:
+    found = ", ".join(received) if received else "nothing at all"
     fixes = [f"{name}: {origin}" for name, origin in waiting.items() if origin]
     return (
         f"the vehicle's sensors: found {found} within {patience:g} s, expected {', '.join(waiting)} too. "
@@ -131,12 +131,12 @@ def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> s
     )
 
 
-def _start(heard: dict[str, list[np.ndarray]], rotation: Array | None, position_noise: float) -> Start:
+def _start(received: dict[str, list[np.ndarray]], rotation: Array | None, position_noise: float) -> Start:
     """Mean position and depth of what was heard, and the last attitude, at rest; n begins here where nobody knows."""
-    places = heard.get("position", [])[-20:]
+    places = received.get("position", [])[-20:]
     north, east = np.mean(places or [np.zeros(2)], axis=0)
     std = position_noise / np.sqrt(len(places)) if places else 0.0
-    depth = float(np.mean(heard["pressure"][-20:]))
-    euler = as_array(heard["attitude"][-1:])
+    depth = float(np.mean(received["pressure"][-20:]))
+    euler = as_array(received["attitude"][-1:])
     euler = euler if rotation is None else readings_in_body(euler, "attitude", rotation)
     return Start(as_array([north, east, depth]), quaternion_from_euler(euler[0]), jnp.zeros(6), as_array(std))

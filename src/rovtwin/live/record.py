@@ -51,13 +51,13 @@ def record(
     metadata = {"name": scenario.name, "scenario": dump_scenario(scenario), "live": "true"}
     metadata |= beginning(scenario, utc_now())
     with LogWriter(path, channels, metadata) as log, Interrupt() as interrupt:
-        ears = SensorMux(link, sources)
-        ears.drain()
-        ears.zero = began = clock()
+        mux = SensorMux(link, sources)
+        mux.drain()
+        mux.zero = began = clock()
         log.annotate(beginning(scenario, utc_now()))
         shown = 0.0
         while not interrupt.asked and (duration is None or clock() - began < duration):
-            for reading in ears.read():
+            for reading in mux.read():
                 if reading.sensor in names:
                     log.write(f"sensor/{reading.sensor}", clock() - began, np.append(reading.value, reading.t_valid))
                     counts[reading.sensor] += 1

@@ -9,7 +9,7 @@ import numpy as np
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
 from rovtwin.runs.compose.fit_experiment import fitted_test
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.schema.trial import AXES
+from rovtwin.scenario.schema.experiment import AXES
 
 # Shares of the vehicle's own times: of the rise of a pull, of the way home's time constant, of a period of roll, pitch.
 PULL, HALVES, HOME, DECAY = 17.5, (1.45, 2.9, 4.35), 5.0, 3.8

@@ -39,7 +39,7 @@ from rovtwin.report.plans.experiment import PlannedTest, draw_test_plan
 from rovtwin.runs.compose.experiment import pieces_of, spans_of
 from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.trial import AXES
+from rovtwin.scenario.schema.experiment import AXES
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.physics.actuation import wrench_limits
 

@@ -16,7 +16,7 @@ from rovtwin.gnc.experiment import Experiment
 from rovtwin.identification.logs.record import Record
 from rovtwin.planning.records import records_of
 from rovtwin.runs.compose.composition import Simulation, compose
-from rovtwin.runs.compose.experiment import hand_of, trial_of
+from rovtwin.runs.compose.experiment import experiment_of, hand_of
 from rovtwin.runs.loop import Loop, LoopMemory, stack
 from rovtwin.runs.run import ticks_in
 from rovtwin.scenario.schema import Scenario
@@ -67,7 +67,7 @@ def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
     """
     run, dt = compose(scenarios[0]), scenarios[0].control_dt
     loop = eqx.tree_at(lambda one: one.twin.sensors, run.loop, _exact(run.loop.twin.sensors))
-    trials = [trial_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
+    trials = [experiment_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
     counts = [int(trial.timeline.count) for trial in trials]
     tests = (_stacked(trials), _hands(scenarios))
     memories = _begin(loop, tests, run.key, run.start, control_dt=dt)

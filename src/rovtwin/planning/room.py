@@ -10,7 +10,7 @@ from rovtwin.planning.candidates import in_words
 from rovtwin.planning.rehearsal import Rehearsed
 from rovtwin.planning.tank import Tank
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
-from rovtwin.scenario.schema.trial import AXES
+from rovtwin.scenario.schema.experiment import AXES
 from rovtwin.vehicle import Vehicle
 
 MARGIN = 0.5  # between hull and wall on the predicted path of a candidate, in lengths of the vehicle

@@ -33,7 +33,7 @@ _LEVEL = (jnp.arange(6) == 3) | (jnp.arange(6) == 4)
 
 
 class Order(eqx.Module):
-    """What is wished of one drone; fields as of `links.wish.Wish`.
+    """The command of one drone; fields as of `links.pilot_command.PilotCommand`.
 
     Attributes:
         armed: Bool.
@@ -59,7 +59,7 @@ class OnboardInput(eqx.Module):
     """The order, and where the vehicle believes to be.
 
     Attributes:
-        order: What is wished.
+        order: The command.
         eta, nu: Pose and velocity, shapes (6,).
         known: Which axes of them are known, shape (6,), bool; others give nothing while they shall be held.
     """

@@ -15,7 +15,7 @@ def page(browser, console_url):
     wait_for(f"{url}/all", process)
     context = browser.new_context(viewport={"width": 1000, "height": 1200})
     page, wrong = context.new_page(), []
-    page.on("console", lambda said: wrong.append(said.text) if complains(said) else None)
+    page.on("console", lambda message: wrong.append(message.text) if complains(message) else None)
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("request", lambda asked: None if asked.url.startswith((url, "blob:", "data:")) else wrong.append(asked.url))
     page.wrong = wrong
@@ -24,9 +24,9 @@ def page(browser, console_url):
     context.close()
 
 
-def complains(said):
+def complains(message):
     """Whether a line of the browser's console is a complaint; not that its compositor waited for WebGL in software."""
-    return said.type == "error" or (said.type == "warning" and "GPU stall due to ReadPixels" not in said.text)
+    return message.type == "error" or (message.type == "warning" and "GPU stall due to ReadPixels" not in message.text)
 
 
 def opened(page, url):
@@ -165,10 +165,10 @@ def test_body_velocity_is_compared_with_the_reference_in_the_body_frame(page):
         }""",
         [[0.0, 0.0, 1.0, *euler], rate.tolist()],
     )
-    wanted = np.concatenate(
+    expected = np.concatenate(
         [np.asarray(rotation_from_euler(euler)).T @ rate[:3], np.linalg.solve(euler_rate_matrix(euler), rate[3:])]
     )
-    np.testing.assert_allclose(found, wanted * np.repeat([1.0, 180 / np.pi], 3), rtol=1e-9)
+    np.testing.assert_allclose(found, expected * np.repeat([1.0, 180 / np.pi], 3), rtol=1e-9)
 
 
 def test_sensors_are_plotted_with_the_units_of_the_table(page):

@@ -189,7 +189,7 @@ def test_tension_and_charge_are_drawn_as_logged(drawn, log):
 
 
 def test_captions_say_the_largest_tension_and_what_is_left(log):
-    text = {entry.name: entry.said(Flight(log)) for entry in CATALOGUE}
+    text = {entry.name: entry.caption_of(Flight(log)) for entry in CATALOGUE}
     pull = max(log[f"truth/tether/{side}_tether"]["tension"].max() for side in ("port", "starboard"))
     assert f"Largest tether tension: {pull:.3g} N, " in text["tethers"]
     assert text["batteries"].endswith("Left at the end: port 60 %, starboard 70 %.")

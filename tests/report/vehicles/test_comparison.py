@@ -13,7 +13,7 @@ from rovtwin.identification.diagnostics.stated import Value, stated
 from rovtwin.identification.joint.model.catalogue import catalogue, choose
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.result.overlay import identified_file, to_yaml
-from rovtwin.report.vehicles.comparison import agreement, compare_files, said_difference, said_relative, said_value
+from rovtwin.report.vehicles.comparison import agreement, compare_files, difference_text, relative_text, value_text
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 FREE = ["added_mass.surge", "linear_damping.surge", "quadratic_damping.surge", "thrusters.surge.*"]
@@ -50,8 +50,8 @@ def run(monkeypatch, capsys, *words):
 
 def test_an_interval_wider_than_its_value_is_given_by_its_ends():
     """`±43188 %` stood for a dead band of which the tests saw none."""
-    assert said_value(Value(10.0, "N", 0.05, True), short=True) == "10 ±9.8 %"
-    assert said_value(Value(1e-5, "1", 3.4, True), short=True).startswith("1e-05 (0.000000013 to 0.00")
+    assert value_text(Value(10.0, "N", 0.05, True), short=True) == "10 ±9.8 %"
+    assert value_text(Value(1e-5, "1", 3.4, True), short=True).startswith("1e-05 (0.000000013 to 0.00")
 
 
 def test_a_file_states_what_was_identified():
@@ -83,7 +83,7 @@ def test_a_difference_is_in_standard_deviations_of_both():
     assert found.deviations == pytest.approx(np.log(1.1) / 0.05) and found.both
     exact = difference(a, Value(11.0, "N", float("nan"), True))
     assert exact.deviations == pytest.approx(np.log(1.1) / 0.03) and not exact.both
-    assert "~" in said_difference(exact) and "~" not in said_difference(found)
+    assert "~" in difference_text(exact) and "~" not in difference_text(found)
     signed = difference(Value(-1.0, "N", 0.3, False), Value(1.0, "N", 0.4, False))
     assert np.isnan(signed.relative) and signed.deviations == pytest.approx(4.0)
     neither = difference(Value(0.0, "N", float("nan"), False), Value(1.0, "N", float("nan"), True))
@@ -184,4 +184,4 @@ def test_labels_are_short_and_different():
     ("share", "message"), [(0.123, "+12 %"), (-0.011, "-1.1 %"), (-1e-6, "+0.0 %"), (13.4, "x 14.4")]
 )
 def test_relative_differences_in_few_digits(share, message):
-    assert said_relative(share) == message
+    assert relative_text(share) == message

@@ -47,15 +47,15 @@ def render(
         from rovtwin.simulation.camera.outside import outside_view
 
         size = (round(1280 * scale), round(720 * scale))
-        picture, said = outside_view(shown, seen, position, R_nb, size=size), {"view": view}
+        picture, data = outside_view(shown, seen, position, R_nb, size=size), {"view": view}
     else:
-        picture, said = _through_camera(shown, seen, camera, scale, renderer, position, R_nb, seed)
+        picture, data = _through_camera(shown, seen, camera, scale, renderer, position, R_nb, seed)
     _write(out, picture)
-    found = said | {"scene": shown.name, "width": picture.shape[1], "height": picture.shape[0], "picture": str(out)}
+    found = data | {"scene": shown.name, "width": picture.shape[1], "height": picture.shape[0], "picture": str(out)}
     if as_json:
         emit(found)
         return
-    how = ", ".join(f"{key} {value}" for key, value in said.items())
+    how = ", ".join(f"{key} {value}" for key, value in data.items())
     size = f"{picture.shape[1]} x {picture.shape[0]}"
     console(False).print(f"wrote {out}: {size}, {how}", markup=False, soft_wrap=True)
 

@@ -134,8 +134,8 @@ def _block(result: "Decay", axis: str, rigid: float | None, names: str) -> str:
     note = (
         f"  # {axis}: inertia +- {sd[0]:.2g}, linear +- {sd[2]:.2g}, quadratic +- {sd[3]:.2g} (one standard deviation)"
     )
-    said = [f"    {key}: decay, {names}; {result.verdict}" for key in rows]
-    return "\n".join(["hydrodynamics:", note, *values, "  sources:", *said]) + "\n"
+    lines = [f"    {key}: decay, {names}; {result.verdict}" for key in rows]
+    return "\n".join(["hydrodynamics:", note, *values, "  sources:", *lines]) + "\n"
 
 
 def _as_data(result: "Decay", runs: "dict[str, Decay]", axis: str, rigid: float | None) -> dict[str, Any]:

@@ -66,8 +66,8 @@ def empirical(
     if out is not None:
         write_text(out, block(priors, "Eidsvik (2015), rovtwin evidence empirical: a prior"))
     if as_json:
-        said = {"vehicle": shown.name, "size_m": outline.size.tolist(), "areas_m2": outline.areas.tolist()}
-        emit(said | {"density_kgm3": total.density, "priors": plain(priors, own), "notes": notes})
+        data = {"vehicle": shown.name, "size_m": outline.size.tolist(), "areas_m2": outline.areas.tolist()}
+        emit(data | {"density_kgm3": total.density, "priors": plain(priors, own), "notes": notes})
         raise typer.Exit(DONE)
     screen = console(False)
     length, width, height = outline.size

@@ -55,14 +55,14 @@ def panel(
 
     screen = console(as_json)
     mesher, vehicle = _mesher(body, scale, frame, origin)
-    with _progress(screen) as told:
+    with _progress(screen) as progress:
         found = panel_added_mass(
             mesher,
             density_of(density),
             depth=None if depth is None else quantity(depth, LENGTH, "--depth"),
             floor=None if floor is None else quantity(floor, LENGTH, "--floor"),
             panel_size=None if panel_size is None else positive(panel_size, LENGTH, "--panel-size"),
-            progress=told,
+            progress=progress,
         )
     priors = found.priors(None if vehicle is None else openness_of(vehicle))
     own = {} if vehicle is None else own_values(vehicle.in_water(found.density))
@@ -75,7 +75,7 @@ def panel(
         figure_of = surface_figure(found.panels.corners, found.pressure, f"{mesher.name}, {found.surroundings}")
         figure_of.savefig(picture, dpi=150)
     if as_json:
-        emit(_said(found, mesher.name) | {"priors": plain(priors, own)})
+        emit(_as_data(found, mesher.name) | {"priors": plain(priors, own)})
         raise typer.Exit(DONE)
     screen.print(f"{mesher.name}: {len(found.panels.faces)} panels, {found.surroundings}", style="bold", markup=False)
     screen.print(f"{figure(found.density)} kg/m3; the surface encloses {found.panels.volume:.4g} m3\n")
@@ -118,7 +118,7 @@ def _progress(screen: Any) -> Iterator[Any]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _said(found: Any, name: str) -> dict[str, Any]:
+def _as_data(found: Any, name: str) -> dict[str, Any]:
     return {
         "body": name,
         "surroundings": found.surroundings,

@@ -132,8 +132,10 @@ def _damping_block(joint: "JointFit", dof: str, path: Path | None) -> str:
         f"  # {dof}: linear +- {sd[0]:.2g}, quadratic +- {sd[1]:.2g}; thrust {joint.thrust[0]:.4g} at full command, "
         f"exponent {joint.thrust[2]:.3g}, dead band {joint.thrust[1]:.3g}"
     )
-    said = [f"    {key}: free running with the thrust curve, {name}" for key in ("linear_damping", "quadratic_damping")]
-    return "\n".join(["hydrodynamics:", note, *rows, "  sources:", *said]) + "\n"
+    lines = [
+        f"    {key}: free running with the thrust curve, {name}" for key in ("linear_damping", "quadratic_damping")
+    ]
+    return "\n".join(["hydrodynamics:", note, *rows, "  sources:", *lines]) + "\n"
 
 
 def _test_data(one: "Bollard") -> dict[str, Any]:
@@ -141,9 +143,9 @@ def _test_data(one: "Bollard") -> dict[str, Any]:
         if fit is None:
             return None
         keys = ("force", "dead_band", "exponent")
-        told = dict(zip(keys, fit.values.tolist(), strict=True))
+        values = dict(zip(keys, fit.values.tolist(), strict=True))
         rest = {"covariance": fit.covariance.tolist(), "rms": fit.rms, "notes": list(fit.notes)}
-        return told | {"astern": fit.astern} | rest
+        return values | {"astern": fit.astern} | rest
 
     return {"source": one.source, "voltage": one.voltage} | {
         name: curve(getattr(one, name)) for name in ("ahead", "astern", "both")

@@ -86,9 +86,9 @@ def console(
         require_stream(camera)
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
-    wanted, place = _sized(load_scenario(scenario, overrides or (), seed)), Place.of(port)
-    wanted, ballast = trimmed(wanted) if link == "twin://" else (wanted, "")
-    _require_flyable(wanted, link)
+    loaded, place = _sized(load_scenario(scenario, overrides or (), seed)), Place.of(port)
+    loaded, ballast = trimmed(loaded) if link == "twin://" else (loaded, "")
+    _require_flyable(loaded, link)
     require_free(host, port)  # or a second console that cannot begin would end the autopilot of the first
     found = running(place)
     if found is not None:
@@ -98,13 +98,13 @@ def console(
             style="yellow",
             markup=False,
         )
-        wanted, link = load_scenario(str(place.folder / "scenario.yaml"), (), None), found.link  # as it was given it
+        loaded, link = load_scenario(str(place.folder / "scenario.yaml"), (), None), found.link  # as it was given it
     with sigterm_ends():
         if found is None:
-            start(place, wanted, link, sensor or [], speed, runs)
+            start(place, loaded, link, sensor or [], speed, runs)
         try:
             if found is None:
-                screen.print(f"autopilot started: {wanted.name} over {link}", markup=False)
+                screen.print(f"autopilot started: {loaded.name} over {link}", markup=False)
             if found is None and ballast:
                 screen.print(ballast, markup=False, soft_wrap=True)
             if token:
@@ -112,20 +112,20 @@ def console(
                     f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False
                 )
             screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-            build(place, Gate(host, token), wanted, runs, link == "twin://", camera or camera_of(link))
+            build(place, Gate(host, token), loaded, runs, link == "twin://", camera or camera_of(link))
             _serve(host, port, address if browser else "")
         finally:
             end(place)
             gc.freeze()  # or Python would look through all there is once more before it ends: a second
 
 
-def _sized(wanted: "Scenario") -> "Scenario":
+def _sized(loaded: "Scenario") -> "Scenario":
     """With what its mission leaves out, from the vehicle; with the test as the vehicle flies it."""
     from rovtwin.runs.compose.composition import vehicle_of
     from rovtwin.runs.compose.fit_experiment import fitted_test
     from rovtwin.runs.compose.fitting import fitted
 
-    return fitted(fitted_test(wanted), vehicle_of(wanted).model())
+    return fitted(fitted_test(loaded), vehicle_of(loaded).model())
 
 
 def _require_flyable(scenario: "Scenario", link: str) -> None:

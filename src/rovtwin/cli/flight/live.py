@@ -65,7 +65,7 @@ def fly_link(
 
         def ask(readiness: Any) -> bool:
             bar.stop()
-            _heard(readiness, screen)
+            _print_readiness(readiness, screen)
             _planned(scenario, screen)
             yes = armed or typer.confirm(_question(thrust), default=False, err=True)
             bar.start()
@@ -132,7 +132,7 @@ def _tell(cue: Any, screen: Console) -> None:
         screen.bell()
 
 
-def _heard(readiness: Any, screen: Console) -> None:
+def _print_readiness(readiness: Any, screen: Console) -> None:
     rows = table("heard before arming", "sensor", "rate")
     for name, rate in sorted(readiness.rates.items()):
         rows.add_row(name, figure(rate, "Hz"))
@@ -168,17 +168,17 @@ def record(
     from rovtwin.live.record import record as record_it
     from rovtwin.scenario.files import load_scenario
 
-    screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), _clock(speed, link)
-    wanted = as_read(link, wanted)  # a reader of the log finds how its readings lie
+    screen, loaded, clock = console(as_json), load_scenario(scenario, overrides or (), seed), _clock(speed, link)
+    loaded = as_read(link, loaded)  # a reader of the log finds how its readings lie
     if out.exists():
         raise ConfigError(exists_already(f"--out {out}"))
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("{task.completed:.0f} s"))
         task = bar.add_task(f"recording {link}", total=duration)
         sources = [stack.enter_context(source(url, clock)) for url in sensor or ()]
-        vehicle = stack.enter_context(connect(link, wanted, clock, observe=True))
+        vehicle = stack.enter_context(connect(link, loaded, clock, observe=True))
         counts = record_it(
-            wanted,
+            loaded,
             vehicle,
             sources,
             clock,

@@ -72,25 +72,27 @@ def fly(
     drones. Thrusters turn only after you say so, and stop however this program ends. Tests fly so, too: what comes, and
     when a hand has to tilt the vehicle and let go, is said as it comes.
     """
-    wanted, screen = _wanted(scenario, replay, overrides or (), seed), console(as_json)
+    loaded, screen = _scenario_of(scenario, replay, overrides or (), seed), console(as_json)
     if link is not None:
         given = {"--realtime": realtime, "--camera": camera, "--film": film}
         refuse_idle(given, "with --link the vehicle, its time and its cameras are not computed here")
-        flight = fly_link(wanted, link, sensor or [], screen, out=out, thrust=thrust, armed=arm, speed=speed)
+        flight = fly_link(loaded, link, sensor or [], screen, out=out, thrust=thrust, armed=arm, speed=speed)
         if report and flight.summary.get("duration_s"):
             _report_beside(flight.log, flight.folder)
         _closing_table(flight, screen)
     elif sensor or not thrust or arm or speed != 1.0:
         raise ConfigError("fly: --sensor, --no-thrust, --arm and --speed go with --link; add one, or leave them out")
     else:
-        _say_beforehand(wanted, screen)
-        flight = _fly(wanted, out, realtime, report, screen, camera=camera, film=film)
+        _say_beforehand(loaded, screen)
+        flight = _fly(loaded, out, realtime, report, screen, camera=camera, film=film)
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)
 
 
-def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tuple[()], seed: int | None) -> "Scenario":
+def _scenario_of(
+    scenario: str | None, replay: str | None, overrides: list[str] | tuple[()], seed: int | None
+) -> "Scenario":
     """The scenario to fly, by its name or as a sample of a campaign."""
     if replay is None:
         from rovtwin.runs.compose.fit_experiment import fitted_test
@@ -120,9 +122,9 @@ def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
     noted = getattr(scenario.autopilot, "tuned", None)
     other = tuned_for_another(scenario.autopilot, vehicle_of(scenario)) if noted else None
     changed = scenario.test.notes if scenario.test else []
-    for said in (empty_at_start(scenario), other, *changed):
-        if said:
-            screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
+    for text in (empty_at_start(scenario), other, *changed):
+        if text:
+            screen.print(f"{scenario.name}: {text}", markup=False, soft_wrap=True)
 
 
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **more: Any) -> Any:

@@ -186,13 +186,13 @@ def _serve(
     from rovtwin.live.serving.serve import serve as serve_it
 
     _require_new(log)
-    told: list[str] = []
+    printed: list[str] = []
 
-    def said(text: str) -> None:
+    def say(text: str) -> None:
         screen.print(text, markup=False, soft_wrap=True)
-        if not told:
+        if not printed:
             screen.print("serving; Ctrl-C ends it")
-        told.append(text)
+        printed.append(text)
 
     with progress_bar("{task.completed:.0f} s") as bar:
         task = bar.add_task("vehicle's time", total=duration)
@@ -202,7 +202,7 @@ def _serve(
             speed=speed,
             duration=math.inf if duration is None else duration,
             log=log,
-            say=said,
+            say=say,
             progress=lambda t, _: bar.update(task, completed=t),
         )
     figures = pace.figures()

@@ -108,11 +108,11 @@ def identify(
     from rovtwin.vehicle import load_vehicle
 
     screen = console(as_json)
-    said = read_evidence(evidence) if evidence else None
-    name = vehicle or (said.vehicle if said else None)
+    evidence_file = read_evidence(evidence) if evidence else None
+    name = vehicle or (evidence_file.vehicle if evidence_file else None)
     if name is None:
         raise ConfigError("no vehicle: name one, or an evidence file that does (--evidence FILE)")
-    if said is None and not logs and prior is None:
+    if evidence_file is None and not logs and prior is None:
         raise ConfigError("no logs: give some, an evidence file (--evidence FILE) or an old result (--prior FILE)")
     if out.is_dir() or not out.parent.is_dir():
         raise ConfigError(f"{out}: expected the name of a file to write, in a folder that is there")
@@ -122,30 +122,30 @@ def identify(
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     refuse_idle({"--track": track is not None and not logs and not validate}, "it is for logs on the command line")
-    wanted = load_vehicle(name, identified=prior is None)
+    described = load_vehicle(name, identified=prior is None)
     old = _prior(prior, keep)
     tests: dict[Path, bool] = {}
     given, held_back = logs, validate
     if track is not None:
-        tests, held = (_tracked(screen, wanted, track, paths or []) for paths in (logs, validate))
+        tests, held = (_tracked(screen, described, track, paths or []) for paths in (logs, validate))
         logs, validate = list(tests), list(held)
     fit_share = share_of(screen, fit_share, tests, bool(validate))
     used = looked_over(
-        screen, wanted, read_logs(wanted, said, logs or [], validate or [], fit_share), trust, trust_logs
+        screen, described, read_logs(described, evidence_file, logs or [], validate or [], fit_share), trust, trust_logs
     )
-    with _progress(screen) as told:
+    with _progress(screen) as progress:
         result = estimate(
-            wanted,
+            described,
             used.fitted,
             validate=used.held_out,
-            free=free or (said.file.free if said else []),
-            prior=said.file.prior if said else None,
-            anchors=said.file.anchors if said else (),
+            free=free or (evidence_file.file.free if evidence_file else []),
+            prior=evidence_file.file.prior if evidence_file else None,
+            anchors=evidence_file.file.anchors if evidence_file else (),
             old=old,
-            options=({} if said is None else dict(said.file.options))
+            options=({} if evidence_file is None else dict(evidence_file.file.options))
             | ({"structure": structure} if structure else {})
             | ({"discrepancy": discrepancy} if discrepancy else {}),
-            progress=told,
+            progress=progress,
         )
     result = replace(result, findings=[*used.remarks, *result.findings], records=[*result.records, *used.left_out])
     more = [word for path in held_back or [] for word in ("--validate", _short(path))]
@@ -174,9 +174,9 @@ def identify(
         emit(as_object(result) | files)
     else:
         _print(screen, result)
-        told = f"written: {out}" if written else f"not written: {out}; to have it all the same, add --keep"
-        told += f"   result: {held}" + (f"   report: {page}" if page else "")
-        screen.print(f"\n{told}", markup=False)
+        progress = f"written: {out}" if written else f"not written: {out}; to have it all the same, add --keep"
+        progress += f"   result: {held}" + (f"   report: {page}" if page else "")
+        screen.print(f"\n{progress}", markup=False)
     raise typer.Exit(FAILED if result.doubts else DONE)
 
 
@@ -210,8 +210,8 @@ def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict
         raise ConfigError(f"--track: found '{kind}', expected aruco")
     tracks = {}
     for path in files_of(logs):
-        with looking_for_markers() as told:
-            found, log = track_run(path, vehicle, "smoother", progress=told)
+        with looking_for_markers() as progress:
+            found, log = track_run(path, vehicle, "smoother", progress=progress)
         out = path.with_name(f"{path.stem}_aruco.mcap")
         log.write(out, overwrite=True)
         tracks[out] = bool(log.metadata.get("test"))
@@ -230,7 +230,7 @@ class _progress:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-        self._screen, self._said = screen, time.monotonic()
+        self._screen, self._printed_at = screen, time.monotonic()
         self._bar = Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
 
     def __enter__(self) -> Any:
@@ -239,8 +239,8 @@ class _progress:
 
         def update(text: str, share: float) -> None:
             self._bar.update(task, description=text, completed=min(share, 0.99))
-            if not self._screen.is_terminal and time.monotonic() - self._said > self._EVERY:
-                self._said = time.monotonic()
+            if not self._screen.is_terminal and time.monotonic() - self._printed_at > self._EVERY:
+                self._printed_at = time.monotonic()
                 print(text, file=sys.stderr, flush=True)
 
         return update
@@ -363,7 +363,7 @@ def _print(screen: Console, result: "Identification") -> None:
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
     )
     styles = {"learnt": "green", "partly": "yellow", "prior only": "red", "contradicted": "bold red"}
-    learnt = {p.name: said for p, said in zip(result.parameters.free, result.verdicts, strict=True)}
+    learnt = {p.name: word for p, word in zip(result.parameters.free, result.verdicts, strict=True)}
     for i, p in enumerate(result.parameters.free):
         if is_coupling(p.name):
             continue

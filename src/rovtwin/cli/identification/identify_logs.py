@@ -64,7 +64,7 @@ def share_of(screen: Console, given: float | None, tests: dict[Path, bool], vali
     return 1.0
 
 
-def read_logs(vehicle: Any, said: Any, logs: list[Path], validate: list[Path], fit_share: float | None) -> Logs:
+def read_logs(vehicle: Any, evidence: Any, logs: list[Path], validate: list[Path], fit_share: float | None) -> Logs:
     """Tests of an evidence file and of the command line, those of the latter split where nothing else is held out.
 
     Raises:
@@ -82,7 +82,7 @@ def read_logs(vehicle: Any, said: Any, logs: list[Path], validate: list[Path], f
     def unread(name: str, path: Path, error: IdentificationError) -> None:
         found.leave_out(name, str(path), [str(error)])
 
-    found.tests = read_tests(said, vehicle, unread) if said else []
+    found.tests = read_tests(evidence, vehicle, unread) if evidence else []
     own = [record for path in logs for record in read_records(path, vehicle)]
     for path in validate:
         try:

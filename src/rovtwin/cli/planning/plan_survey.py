@@ -91,19 +91,23 @@ def _save(drawn: Any, path: Path) -> None:
 
 
 def _print(survey: "Survey", screen: Any) -> None:
-    said = survey.figures()
+    figures = survey.figures()
     rows = table(f"survey of {survey.request.area}, {survey.scenario.vehicle}", "", "")
-    rows.add_row("area", f"{figure(said['area_m2'])} m2")
-    rows.add_row("seen", f"{said['coverage']:.2%} ({said['coverage_of_reachable']:.2%} of what can be reached)")
-    spacing = "" if said["lines"] < 2 else f", {figure(said['line_spacing_m'])} m apart"
+    rows.add_row("area", f"{figure(figures['area_m2'])} m2")
+    rows.add_row("seen", f"{figures['coverage']:.2%} ({figures['coverage_of_reachable']:.2%} of what can be reached)")
+    spacing = "" if figures["lines"] < 2 else f", {figure(figures['line_spacing_m'])} m apart"
     rows.add_row(
         "lines",
-        f"{said['lines']} at {said['heading_deg']:.0f} deg{spacing}, {said['cells']} cells, {said['laps']} laps",
+        f"{figures['lines']} at {figures['heading_deg']:.0f} deg{spacing}, {figures['cells']} cells, "
+        f"{figures['laps']} laps",
     )
     rows.add_row(
-        "way", f"{said['length_m']:.0f} m, {said['seeing_m']:.0f} m of it lines and laps, {said['turns']} turns"
+        "way",
+        f"{figures['length_m']:.0f} m, {figures['seeing_m']:.0f} m of it lines and laps, {figures['turns']} turns",
     )
-    rows.add_row("time", f"{said['duration_s'] / 60:.0f} min at {said['speed_m_s']:g} m/s, {said['depth_m']:g} m deep")
+    rows.add_row(
+        "time", f"{figures['duration_s'] / 60:.0f} min at {figures['speed_m_s']:g} m/s, {figures['depth_m']:g} m deep"
+    )
     rows.add_row("battery", _battery(survey))
     screen.print(rows)
     for remark in survey.remarks:

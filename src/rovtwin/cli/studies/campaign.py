@@ -68,13 +68,13 @@ def campaign(
     require("pyarrow")
     from rovtwin.campaign.schema import load_campaign
 
-    wanted = load_campaign(file, samples)
+    plan = load_campaign(file, samples)
     if dry_run:
-        _show_draws(wanted, as_json)
+        _show_draws(plan, as_json)
         return
-    crew = _workers(workers, scheduler, slurm, wanted.samples)
-    folder = out or (file if file.is_dir() else Path("runs") / f"campaign-{wanted.name}")
-    session = _run(wanted, folder, crew, lanes)
+    crew = _workers(workers, scheduler, slurm, plan.samples)
+    folder = out or (file if file.is_dir() else Path("runs") / f"campaign-{plan.name}")
+    session = _run(plan, folder, crew, lanes)
     files = _write(session, csv, report)
     _say(session, files, as_json)
     raise typer.Exit(DONE if session.whole and _some_flew(session) else FAILED)
@@ -101,10 +101,10 @@ def _workers(
     return on_this_machine(workers or min(cores_here(), samples))
 
 
-def _run(wanted: "Campaign", folder: Path, crew: "AbstractContextManager[Workers]", lanes: int | None) -> "Session":
+def _run(plan: "Campaign", folder: Path, crew: "AbstractContextManager[Workers]", lanes: int | None) -> "Session":
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"))
     with Bar(*columns, console=console(True), transient=True) as bar:
-        task = bar.add_task(f"{wanted.name}: checking the samples", total=wanted.samples, pace="")
+        task = bar.add_task(f"{plan.name}: checking the samples", total=plan.samples, pace="")
         from rovtwin.campaign.run import run_campaign
 
         last = -math.inf
@@ -113,13 +113,13 @@ def _run(wanted: "Campaign", folder: Path, crew: "AbstractContextManager[Workers
             nonlocal last
             who = "1 core" if now.cores == 1 else f"{now.cores} cores" if now.cores else "waiting for workers"
             pace = "compiling" if now.left_s is None else f"{now.per_minute:.3g}/min, {_duration(now.left_s)} left"
-            bar.update(task, description=f"{wanted.name}: {who}", completed=now.done, pace=pace)
+            bar.update(task, description=f"{plan.name}: {who}", completed=now.done, pace=pace)
             # A bar draws nothing into a file or a pipe.
             if not bar.console.is_terminal and time.monotonic() - last > QUIET:
                 last = time.monotonic()
-                print(f"{wanted.name}: {who}, {now.done} of {wanted.samples}, {pace}", file=sys.stderr, flush=True)
+                print(f"{plan.name}: {who}, {now.done} of {plan.samples}, {pace}", file=sys.stderr, flush=True)
 
-        return run_campaign(wanted, folder, crew, lanes, progress)
+        return run_campaign(plan, folder, crew, lanes, progress)
 
 
 def _duration(seconds: float) -> str:
@@ -146,35 +146,35 @@ def _write(session: "Session", csv: bool, report: bool) -> dict[str, str]:
 def _say(session: "Session", files: dict[str, str], as_json: bool) -> None:
     from rovtwin.campaign.summary import failures, summarise
 
-    said = summarise(session.campaign, session.table)
+    summary = summarise(session.campaign, session.table)
     if as_json:
         failed = [{"index": row["index"], "reason": row["reason"], "replay": _replay(session, row["index"])}
                   for row in failures(session.table)]  # fmt: skip
         now = {"flown_now": session.flown, "wall_now_s": session.wall_s, "by": session.by}
-        emit(said | now | {"failures": failed, "run_dir": str(session.folder), "files": files})
+        emit(summary | now | {"failures": failed, "run_dir": str(session.folder), "files": files})
         return
     screen = console(False)
-    if not said["flown"]:
-        screen.print(f"{said['name']}: nothing flown yet", markup=False)
+    if not summary["flown"]:
+        screen.print(f"{summary['name']}: nothing flown yet", markup=False)
         return
-    low, high = said["completed_interval"]
+    low, high = summary["completed_interval"]
     screen.print(
-        f"{said['name']}: {said['completed']} of {said['flown']} completed "
-        f"({100 * said['completed_share']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %)",
+        f"{summary['name']}: {summary['completed']} of {summary['flown']} completed "
+        f"({100 * summary['completed_share']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %)",
         style="bold", markup=False,
     )  # fmt: skip
     for row in failures(session.table)[:SHOWN]:
         screen.print(f"  {row['reason']}: {_replay(session, row['index'])}", markup=False, soft_wrap=True)
-    if (more := said["flown"] - said["completed"] - SHOWN) > 0:
+    if (more := summary["flown"] - summary["completed"] - SHOWN) > 0:
         screen.print(f"  and {more} more")
-    screen.print(_score_table(said))
+    screen.print(_score_table(summary))
     if session.flown:
         pace = f"{session.wall_s:.0f} s, {session.wall_s / session.flown:.2f} s a mission, by {session.by}"
         screen.print(f"{session.flown} samples done in {pace}", markup=False)
-    if said["refused"]:
-        screen.print(f"{said['refused']} of {said['flown']} were refused, none of them was flown", markup=False)
+    if summary["refused"]:
+        screen.print(f"{summary['refused']} of {summary['flown']} were refused, none of them was flown", markup=False)
     if not session.whole:
-        left = said["samples"] - said["flown"]
+        left = summary["samples"] - summary["flown"]
         screen.print(f"{left} are left: run the same command again to go on", markup=False)
     for path in files.values():
         screen.print(f"wrote {path}", markup=False, soft_wrap=True)
@@ -184,27 +184,27 @@ def _replay(session: "Session", index: int) -> str:
     return f"rovtwin fly --replay {session.folder}/{index}"
 
 
-def _score_table(said: dict[str, Any]) -> Any:
+def _score_table(summary: dict[str, Any]) -> Any:
     rows = table("scores", "score", "5 %", "median", "95 %", "missions")
-    for name, one in said["scores"].items():
+    for name, one in summary["scores"].items():
         rows.add_row(name, figure(one["p5"]), figure(one["median"]), figure(one["p95"]), str(one["n"]))
     return rows
 
 
-def _show_draws(wanted: "Campaign", as_json: bool) -> None:
+def _show_draws(plan: "Campaign", as_json: bool) -> None:
     """All that is drawn, after every sample was checked."""
     from rovtwin.campaign.run import check
     from rovtwin.campaign.samples import draws
 
-    check(wanted)
-    drawn = [draws(wanted, index) for index in range(wanted.samples)]
+    check(plan)
+    drawn = [draws(plan, index) for index in range(plan.samples)]
     if as_json:
-        emit({"name": wanted.name, "samples": [{"index": i} | one for i, one in enumerate(drawn)]})
+        emit({"name": plan.name, "samples": [{"index": i} | one for i, one in enumerate(drawn)]})
         return
-    rows = table(f"{wanted.name}: all {wanted.samples} samples can be flown", "sample", *wanted.vary)
+    rows = table(f"{plan.name}: all {plan.samples} samples can be flown", "sample", *plan.vary)
     for index, one in enumerate(drawn[:SHOWN]):
         rows.add_row(str(index), *(figure(value) if isinstance(value, float) else str(value) for value in one.values()))
     screen = console(False)
     screen.print(rows)
-    if wanted.samples > SHOWN:
-        screen.print(f"and {wanted.samples - SHOWN} more (--json)")
+    if plan.samples > SHOWN:
+        screen.print(f"and {plan.samples - SHOWN} more (--json)")

@@ -36,14 +36,14 @@ def score(
     twice = {f"--{key} {value}": value is not None and key in keys for key, value in given.items()}
     refuse_idle(twice, "--set gives the same; leave one of them out")
     extra = [*(f"{key}={value}" for key, value in given.items() if value), *(overrides or ())]
-    wanted = {name: load_scenario(name, extra) for name in scenarios or list_scenarios()}
-    tests = [name for name, scenario in wanted.items() if scenario.test]
+    loaded = {name: load_scenario(name, extra) for name in scenarios or list_scenarios()}
+    tests = [name for name, scenario in loaded.items() if scenario.test]
     if scenarios and tests:
         raise ConfigError(f"{tests[0]}: is a test, not a mission: it has no scores. Fly it: rovtwin fly {tests[0]}")
-    wanted = {name: scenario for name, scenario in wanted.items() if name not in tests}
+    loaded = {name: scenario for name, scenario in loaded.items() if name not in tests}
     results = {}
     with progress_bar("") as bar:
-        for label, scenario in wanted.items():
+        for label, scenario in loaded.items():
             task = bar.add_task(f"{label}: compiling", total=1.0)
             from rovtwin.runs.batch import score_batch, score_seeds
 

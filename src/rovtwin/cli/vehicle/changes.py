@@ -53,8 +53,10 @@ def add(
 
     _check_out(out, overwrite)
     attitude = _angles(attitude_deg)
-    wanted = _net_buoyancy(buoyancy, ballast)
-    _report(refit(vehicle, device, point(at, "--at"), attitude, name, out), vehicle, ballast, wanted, out, as_json)
+    net_buoyancy = _net_buoyancy(buoyancy, ballast)
+    _report(
+        refit(vehicle, device, point(at, "--at"), attitude, name, out), vehicle, ballast, net_buoyancy, out, as_json
+    )
 
 
 def remove(
@@ -73,8 +75,8 @@ def remove(
     from rovtwin.vehicle.outfitting.refit import remove as refit
 
     _check_out(out, overwrite)
-    wanted = _net_buoyancy(buoyancy, ballast)
-    _report(refit(vehicle, part, out), vehicle, ballast, wanted, out, as_json)
+    net_buoyancy = _net_buoyancy(buoyancy, ballast)
+    _report(refit(vehicle, part, out), vehicle, ballast, net_buoyancy, out, as_json)
 
 
 def diff(
@@ -120,7 +122,9 @@ def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
     return None if text is None else quantity(text, LIFT, "--buoyancy")
 
 
-def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, out: Path | None, as_json: bool) -> None:
+def _report(
+    change: "Refit", given: str, ballast: bool, net_buoyancy: float | None, out: Path | None, as_json: bool
+) -> None:
     """Write the file, and print or emit what changed of the `given` vehicle and what would trim it again."""
     from rovtwin.runs.vehicle_figures import compared, devices_load
     from rovtwin.vehicle.analysis.lint import reservations
@@ -128,7 +132,7 @@ def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, ou
 
     pieces, notes, without = [], list(change.notes), ""
     try:
-        pieces = trimming(change.before, change.after, wanted)
+        pieces = trimming(change.before, change.after, net_buoyancy)
     except ConfigError as error:
         if ballast:
             raise
@@ -137,7 +141,7 @@ def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, ou
     shown = trimmed if ballast else change
     rows = compared(change.before, shown.after)
     notes += [f"in still water {line}" for line in reservations(shown.after.model())]
-    notes += [] if without or wanted is not None else _about_sinking(change, ballast)
+    notes += [] if without or net_buoyancy is not None else _about_sinking(change, ballast)
     notes += sorted({f"no bound of the position: {row['why']}" for row in rows if row["why"]})
     drawn = devices_load(shown.after)
     if drawn and not shown.after.power_sources:
@@ -155,7 +159,7 @@ def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, ou
     heads = (f"before\n{PREDICTED}", f"after\n{PREDICTED}") if change.predicted else ("before", "after")
     _print_figures(titled, rows, heads, every=False)
     screen = console(False)
-    screen.print(without or _about_ballast(pieces, trimmed, ballast, wanted), markup=False, soft_wrap=True)
+    screen.print(without or _about_ballast(pieces, trimmed, ballast, net_buoyancy), markup=False, soft_wrap=True)
     for note in notes:
         screen.print(f"- {note}", markup=False, soft_wrap=True)
     screen.print(
@@ -178,7 +182,7 @@ def _about_sinking(change: "Refit", on_board: bool) -> list[str]:
     ]
 
 
-def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, wanted: float | None) -> str:
+def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, net_buoyancy: float | None) -> str:
     """Which pieces give the vehicle its net buoyancy back, or that asked for, and hang it level."""
     from rovtwin.vehicle.analysis.hydrostatics import floating_of
 
@@ -190,7 +194,7 @@ def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, want
     )
     net = floating_of(trimmed.after.assembly).net_buoyancy
     done = "on it now" if on_board else "--ballast puts it on"
-    aim = "the net buoyancy of before" if wanted is None else f"{wanted:+.3g} N of net buoyancy"
+    aim = "the net buoyancy of before" if net_buoyancy is None else f"{net_buoyancy:+.3g} N of net buoyancy"
     return f"ballast for {aim} and level trim ({done}): {listed}; {net:+.2f} N then"
 
 

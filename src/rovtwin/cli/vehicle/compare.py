@@ -78,14 +78,14 @@ def _print_table(screen: Any, title: str, made: Callable[[Any, bool], Any], comp
     screen.print(f"{whole.note}\n", style="dim", markup=False)
 
 
-def _pair(screen: Any, title: str, said: Any, first: str, other: str) -> Any:
-    rows = _rows(f"{title}: {other} beside {first}", said.head, said.rows)
+def _pair(screen: Any, title: str, values: Any, first: str, other: str) -> Any:
+    rows = _rows(f"{title}: {other} beside {first}", values.head, values.rows)
     if _width(screen, rows) <= screen.width:
         return rows
     # Narrower still: no names in the head, and lines that break before a bracket or an interval only.
-    close = [[cell.replace(" %", "%").replace(" sd)", "sd)") for cell in row] for row in said.rows]
+    close = [[cell.replace(" %", "%").replace(" sd)", "sd)") for cell in row] for row in values.rows]
     return _rows(
-        f"{title}: {first} (first), {other} (other)", [*said.head[:-3], "first", "other", said.head[-1]], close
+        f"{title}: {first} (first), {other} (other)", [*values.head[:-3], "first", "other", values.head[-1]], close
     )
 
 

@@ -36,15 +36,15 @@ def main() -> None:
 
     from rovtwin.console.engine.bridge import Bridge
     from rovtwin.console.engine.engine import Engine
-    from rovtwin.console.engine.vessel import Wanted
+    from rovtwin.console.engine.vessel import EngineConfig
     from rovtwin.live.connect import as_read
     from rovtwin.scenario.files import load_scenario
 
     scenario = as_read(given.link, load_scenario(str(given.scenario), (), None))
     note["scenario"] = scenario.name
     place.note.write_text(json.dumps(note), encoding="utf-8")
-    wanted = Wanted(scenario, given.link, tuple(given.sensor), place.stop)
-    engine = Engine(wanted, place.news, given.speed, given.runs)
+    config = EngineConfig(scenario, given.link, tuple(given.sensor), place.stop)
+    engine = Engine(config, place.news, given.speed, given.runs)
     bridge = Bridge(engine, place.orders)
 
     def end(*_: object) -> None:

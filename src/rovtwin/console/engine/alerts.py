@@ -98,7 +98,7 @@ def _of_sensors(state: dict[str, Any]) -> list[Alert]:
 
 def _of_kind(state: dict[str, Any], kind: str) -> list[dict[str, Any]]:
     """What the sensors of a kind last told: age and value."""
-    return [told for name, told in state["sensors"].items() if kind_of(name) == kind]
+    return [status for name, status in state["sensors"].items() if kind_of(name) == kind]
 
 
 def _of_thrusters(state: dict[str, Any], names: list[str]) -> list[Alert]:

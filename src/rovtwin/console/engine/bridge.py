@@ -12,9 +12,9 @@ from rovtwin.console import orders
 from rovtwin.console.clock import lasting
 from rovtwin.console.engine.checks import Check, faults, kept, require_none
 from rovtwin.console.engine.engine import Engine
+from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import counted
-from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import VehicleSession
 from rovtwin.console.wire import FRESH, decode, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
@@ -102,7 +102,7 @@ class Bridge:
         return vessel
 
     def _alive(self, order: Any) -> None:
-        self._engine.operator_heard()
+        self._engine.note_operator()
 
     def _stop(self, order: Any) -> None:
         self._engine.stop()
@@ -129,7 +129,7 @@ class Bridge:
 
     def _start(self, order: Any) -> None:
         vessel = self._underway()
-        if isinstance(vessel.helm, TrialHelm):
+        if isinstance(vessel.helm, ExperimentHelm):
             self._start_test(vessel.helm)
             return
         if not self._engine.submitted:
@@ -139,7 +139,7 @@ class Bridge:
         self._engine.fly(vessel.helm, self._checked(self._engine.plan), self._engine.plan)
         self._engine.event("info", f"mission started: {counted(len(self._engine.plan))}")
 
-    def _start_test(self, helm: TrialHelm) -> None:
+    def _start_test(self, helm: ExperimentHelm) -> None:
         test = self._engine.test
         assert test is not None
         if test.running:
@@ -173,7 +173,7 @@ class Bridge:
 
     def _hold(self, order: Any) -> None:
         helm = self._underway().helm
-        if isinstance(helm, TrialHelm):
+        if isinstance(helm, ExperimentHelm):
             helm.abort()
             self._engine.event("warning", "test ended: thrusters off")
             return
@@ -188,7 +188,7 @@ class Bridge:
             helm.pilot()
             self._engine.event("info", "piloted by hand")
         sticks = np.array([order.surge, order.sway, order.heave, order.yaw])
-        self._engine.wish(sticks * helm.fastest)
+        self._engine.steer(sticks * helm.fastest)
 
     def _submit(self, order: orders.Submit) -> None:
         if self._for_missions(self._engine.vessel).is_running:
@@ -203,7 +203,7 @@ class Bridge:
             found.append(kept(self._engine.scenario_with(order.waypoints)))
             limits = self._engine.vessel.limits
             if fast := [i for i, w in enumerate(order.waypoints) if w.speed > limits.speed]:
-                what = f"{point_numbers.counted(fast)}: faster than thrusters keep up, {limits.said}"
+                what = f"{point_numbers.counted(fast)}: faster than thrusters keep up, {limits.text}"
                 found.append(Check("warning", what, fast))
         return {"checks": [asdict(one) for one in found]}
 
@@ -243,8 +243,8 @@ class Bridge:
         if not self._engine.is_twin:
             raise ConfigError("nothing can be broken in a real vehicle from here")
         vessel = self._engine.vessel
-        told, text = _fault(order, vessel.composed.thruster_names, vessel.composed.sensor_names)
-        vessel.link.tell(told)
+        fault, text = _fault(order, vessel.composed.thruster_names, vessel.composed.sensor_names)
+        vessel.link.tell(fault)
         self._engine.event("warning", f"injected: {text}")
 
 

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.alerts import alerts, alerts_of_link
+from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
-from rovtwin.console.engine.state import Changes, counted, flown, plan_told
+from rovtwin.console.engine.state import Changes, counted, flown, plan_message
 from rovtwin.console.engine.switch import ArmSwitch
 from rovtwin.console.engine.telling import Publisher
 from rovtwin.console.engine.ticker import Ticker
-from rovtwin.console.engine.trial_helm import TrialHelm
-from rovtwin.console.engine.vessel import SessionBuilder, VehicleSession, Wanted
+from rovtwin.console.engine.vessel import EngineConfig, SessionBuilder, VehicleSession
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
@@ -29,7 +29,7 @@ from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
 
-WISH_LIFE = 0.3  # of a pilot's sticks [s]
+PILOT_COMMAND_LIFE = 0.3  # of a pilot's sticks [s]
 SOON = 1e-3  # wait for a world that is computed [s]
 CATCH_UP = 20  # ticks at most before orders are heard again
 AGAIN = 0.05  # until the next turn of a loop that failed [s]
@@ -46,29 +46,29 @@ class Engine:
         test: That is flown in place of a mission, or None.
     """
 
-    def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
+    def __init__(self, config: EngineConfig, news: str, speed: float = 1.0, runs: str | Path = "runs"):
         """Publishes at the address `news`; logs of flights go into the folder `runs`."""
-        self._wanted = wanted
-        self._teller = Publisher(news)
+        self._config = config
+        self._publisher = Publisher(news)
         self._stage, self._note = "connecting", ""
-        self._yard = SessionBuilder(wanted, speed, self._say)
+        self._builder = SessionBuilder(config, speed, self._say)
         self._running = True
         self._ticker: Ticker | None = None
         self._now = 0.0  # time of the tick that comes, or of the last vessel's [s]
         self.over = False
         self._logbook = Logbook(Path(runs), self.event)
         self.switch = ArmSwitch(self._logbook, self.event)
-        self.test = Manoeuvres(wanted.scenario) if wanted.scenario.test else None
-        self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
+        self.test = Manoeuvres(config.scenario) if config.scenario.test else None
+        self.plan: list[Waypoint] = list(config.scenario.waypoints)
         self.submitted, self.count = False, 0
-        self._heard_operator = time.monotonic()
-        self._wish, self._wished_at = NO_PILOT_COMMAND, -np.inf
+        self._operator_at = time.monotonic()
+        self._pilot_command, self._commanded_at = NO_PILOT_COMMAND, -np.inf
         self._changes = Changes()
         self._urgent = ExitStack()
 
     def run(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Until `over`; `obey` gives orders that came, `wait` waits for more, so many seconds at most."""
-        self._yard.begin()
+        self._builder.begin()
         self._keep_time()
         try:
             while not self.over:
@@ -80,18 +80,18 @@ class Engine:
         finally:
             self._urgent.close()
             self._let_go("ended")
-            self._teller.close()
+            self._publisher.close()
 
     def _turn(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         obey()
-        self._take_over(self._yard.ready())
+        self._take_over(self._builder.ready())
         if not self._running:
             self._listen()
         for _ in range(CATCH_UP):
             if self._rests() > 0.0 or not self._tick():
                 break
         self._tell()
-        wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
+        wait(min(self._publisher.state_rests(), max(self._rests(), SOON)))
 
     # The vehicle
 
@@ -105,11 +105,11 @@ class Engine:
     @property
     def is_making_ready(self) -> bool:
         """Whether a vehicle is being made ready, in a thread that knows of no end."""
-        return self._yard.is_making
+        return self._builder.is_making
 
     @property
     def is_twin(self) -> bool:
-        return self._wanted.is_twin
+        return self._config.is_twin
 
     @property
     def may_arm(self) -> bool:
@@ -119,7 +119,7 @@ class Engine:
     def arm(self, asked_at: float) -> None:
         """Ask the vehicle to take commands, as the operator asked [s, monotonic]; what came of it is an event."""
         vessel = self.vessel
-        self.operator_heard()
+        self.note_operator()
         vessel.helm.idle()
         if self.test is None:  # a test has a log of its own each time
             self._logbook.open(self.scenario_with(self.plan), vessel.composed, vessel.helm, vessel.watch)
@@ -147,7 +147,7 @@ class Engine:
     def reconnect(self) -> None:
         """Let go of the vehicle and look for it anew."""
         self._let_go("reconnecting")
-        self._yard.begin()
+        self._builder.begin()
 
     def fly(self, helm: Helm, mission: Mission, waypoints: list[Waypoint]) -> None:
         """Start a mission through way-points."""
@@ -155,7 +155,7 @@ class Engine:
         self.count = len(waypoints)
         self._logbook.flown(self.scenario_with(waypoints), self._now)
 
-    def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
+    def fly_test(self, helm: ExperimentHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
         self._logbook.open(self.scenario_with(self.plan), self.vessel.composed, helm, self.vessel.watch)
         self._logbook.begin(self._now)
@@ -169,40 +169,40 @@ class Engine:
     def submit(self, waypoints: list[Waypoint]) -> None:
         """What the next start flies."""
         self.plan, self.submitted = list(waypoints), True
-        self._teller.publish(self._plan_told())
+        self._publisher.publish(self._plan_message())
         self.event("info", f"plan submitted: {counted(len(self.plan))}")
 
     def scenario_with(self, waypoints: list[Waypoint]) -> Scenario:
         """The scenario, with these way-points for its mission; a test's as it is."""
         if self.test is not None:
-            return self._wanted.scenario
-        return self._wanted.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
+            return self._config.scenario
+        return self._config.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
 
-    def wish(self, velocity: np.ndarray) -> None:
-        """What the pilot wants now: surge, sway, heave [m/s], turn rate [rad/s], shape (4,)."""
-        self.operator_heard()
-        self._wish, self._wished_at = tuple(velocity), time.monotonic()
+    def steer(self, velocity: np.ndarray) -> None:
+        """The pilot's command: surge, sway, heave [m/s], turn rate [rad/s], shape (4,)."""
+        self.note_operator()
+        self._pilot_command, self._commanded_at = tuple(velocity), time.monotonic()
 
-    def operator_heard(self) -> None:
+    def note_operator(self) -> None:
         """A sign of life of who is in control."""
-        self._heard_operator = time.monotonic()
+        self._operator_at = time.monotonic()
 
     def run_at(self, speed: float | None, running: bool | None) -> None:
         """Let simulated time run so fast, or stand; None leaves it as it is."""
         vessel = self.vessel
-        self._yard.speed = speed or self._yard.speed
+        self._builder.speed = speed or self._builder.speed
         self._running = self._running if running is None else running
-        vessel.link.tell(("pace", *self._yard.clock.run(self._yard.speed if self._running else 0.0)))
+        vessel.link.tell(("pace", *self._builder.clock.run(self._builder.speed if self._running else 0.0)))
         self._keep_time()
 
     def _keep_time(self) -> None:
         """Run before others where time is real; faster simulation takes what is left."""
         self._urgent.close()
-        self._urgent.enter_context(urgent(self._yard.speed <= 1.0))
+        self._urgent.enter_context(urgent(self._builder.speed <= 1.0))
 
     def event(self, level: str, text: str) -> None:
         """Tell that something happened; `level` is info, warning or danger."""
-        self._teller.event(level, text, self._now)
+        self._publisher.event(level, text, self._now)
 
     # The loop
 
@@ -231,8 +231,8 @@ class Engine:
         if ticker is None or not self._listen():
             return False
         now = time.monotonic()
-        wish = self._wish if now - self._wished_at < WISH_LIFE else NO_PILOT_COMMAND
-        if not ticker.tick(now - self._heard_operator, wish, self.switch.armed):
+        pilot_command = self._pilot_command if now - self._commanded_at < PILOT_COMMAND_LIFE else NO_PILOT_COMMAND
+        if not ticker.tick(now - self._operator_at, pilot_command, self.switch.armed):
             return False
         if self.switch.armed:
             self._logbook.add(1e3 * ticker.late, ticker.vessel.link.age)
@@ -256,15 +256,15 @@ class Engine:
         if vessel is None:
             return
         try:
-            self._ticker = Ticker(vessel, self._yard.clock, self._wanted.scenario.control_dt)
+            self._ticker = Ticker(vessel, self._builder.clock, self._config.scenario.control_dt)
         except Exception:
             vessel.close()
             raise
         self._running, self._now = True, 0.0
         self._say("ready", "")
         missing = ", ".join(vessel.readiness.missing)
-        self.event("info", f"heard {self._wanted.link}{f'; flying without {missing}' if missing else ''}")
-        self._teller.publish(self._setup_told())
+        self.event("info", f"heard {self._config.link}{f'; flying without {missing}' if missing else ''}")
+        self._publisher.publish(self._setup_message())
 
     def _fail(self, error: Exception) -> None:
         """Let go of a vehicle that is lost, or that we cannot fly, and say why."""
@@ -304,15 +304,15 @@ class Engine:
         self._stage, self._note = stage, note
 
     def _tell(self) -> None:
-        if not self._teller.state_due():
+        if not self._publisher.state_due():
             return
-        self._teller.publish(self._state())
-        if self._teller.all_due():
-            self._teller.publish({"kind": "history", "events": self._teller.events})
-            self._teller.publish(self._plan_told())
+        self._publisher.publish(self._state())
+        if self._publisher.all_due():
+            self._publisher.publish({"kind": "history", "events": self._publisher.events})
+            self._publisher.publish(self._plan_message())
             if self._ticker is not None:
-                self._teller.publish(self._setup_told())
-                self._teller.publish(self.vessel.watch.message(self.switch.armed))
+                self._publisher.publish(self._setup_message())
+                self._publisher.publish(self.vessel.watch.message(self.switch.armed))
 
     def _state(self) -> dict[str, Any]:
         now = time.monotonic()
@@ -322,24 +322,24 @@ class Engine:
             "pid": os.getpid(),
             "stage": self._stage,
             "note": self._note,
-            "making": None if (step := self._yard.step) is None else step.message(),
-            "scenario": self._wanted.scenario.name,
-            "link": self._wanted.link,
-            "speed": self._yard.speed,
+            "making": None if (step := self._builder.step) is None else step.message(),
+            "scenario": self._config.scenario.name,
+            "link": self._config.link,
+            "speed": self._builder.speed,
             "running": self._running,
             "armed": self.switch.armed,
             "arming": self.switch.arming,
             "stopped": self.switch.stopped,
-            "operator_age": now - self._heard_operator,
+            "operator_age": now - self._operator_at,
             "submitted": self.submitted,
             "folder": self._logbook.folder,
         }
         ticker = self._ticker
         if ticker is None or not ticker.ticks:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
-        state |= ticker.told(self.count) | {"resumable": ticker.vessel.helm.can_resume}
+        state |= ticker.report(self.count) | {"resumable": ticker.vessel.helm.can_resume}
         if self.test is not None:
-            state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
+            state |= {"trial": self.test.report(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if ticker.vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         if (news := self._changes.of(state["phase"], state["reason"], state["gives_up_heading"])) is not None:
@@ -347,8 +347,8 @@ class Engine:
         state["changed"] = ticker.vessel.watch.names
         return state | {"alerts": alerts(state, ticker.vessel.composed.thruster_names)}
 
-    def _plan_told(self) -> dict[str, Any]:
-        return plan_told(self.plan, self.submitted, self._wanted.scenario.origin)
+    def _plan_message(self) -> dict[str, Any]:
+        return plan_message(self.plan, self.submitted, self._config.scenario.origin)
 
-    def _setup_told(self) -> dict[str, Any]:
-        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())
+    def _setup_message(self) -> dict[str, Any]:
+        return setup_of(self._config, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())

@@ -5,8 +5,8 @@ from typing import Any
 from rovtwin.live.manoeuvres import Cue, Prompter, plan
 from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.trial import Manoeuvre as Section
-from rovtwin.scenario.schema.trial import MultisineSection, ReleaseSection
+from rovtwin.scenario.schema.experiment import Manoeuvre as Section
+from rovtwin.scenario.schema.experiment import MultisineSection, ReleaseSection
 
 LEFT_STANDING = 3.0  # a cue that begins nothing is shown so long [s]
 
@@ -49,12 +49,12 @@ class Manoeuvres:
 
     def tick(self) -> list[Cue]:
         """One more tick of it; what is said now."""
-        said = self._prompter.at(self.time)
-        self._cue = said[-1] if said else self._cue
+        prompt = self._prompter.at(self.time)
+        self._cue = prompt[-1] if prompt else self._cue
         while self._row + 1 < len(self._spans) and self.time >= self._spans[self._row]["end"] - 1e-9:
             self._row += 1
         self._ticks += 1
-        return said
+        return prompt
 
     def end(self, how: str) -> None:
         """It is over; `how` is for people."""
@@ -67,7 +67,7 @@ class Manoeuvres:
         rows = []
         for i, section in enumerate(self._test.manoeuvres):
             own = [span for span in self._spans if span["manoeuvre"] == i]
-            rows.append({"what": _said(section), "start": own[0]["start"], "end": own[-1]["end"], "pieces": own})
+            rows.append({"what": _describe(section), "start": own[0]["start"], "end": own[-1]["end"], "pieces": own})
         by_hand = [what for _, what in plan(self._scenario) if what.startswith("BY HAND")]
         description = self._test.description or self._scenario.description
         name, duration = self._test.name, self.duration
@@ -79,7 +79,7 @@ class Manoeuvres:
             "by_hand": by_hand,
         }
 
-    def told(self) -> dict[str, Any]:
+    def report(self) -> dict[str, Any]:
         """Where it is now."""
         span, t = self._spans[self._row], min(self.time, self.duration)
         lasting = bool(self._cue.begins) or not self.running or t - self._cue.t < LEFT_STANDING
@@ -110,7 +110,7 @@ def _large(text: str) -> str:
     return f"let go in {text}" if text.isdigit() else text
 
 
-def _said(section: Section) -> str:
+def _describe(section: Section) -> str:
     """A manoeuvre in a few words."""
     if isinstance(section, ReleaseSection):
         roll, pitch = section.attitude_deg

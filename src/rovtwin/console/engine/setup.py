@@ -11,7 +11,7 @@ from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.analysis.visuals import pieces_of
 
 if TYPE_CHECKING:  # a replay needs none of it, and begins seconds sooner
-    from rovtwin.console.engine.vessel import Wanted
+    from rovtwin.console.engine.vessel import EngineConfig
     from rovtwin.live.readiness import Readiness
     from rovtwin.runs.compose.composition import Simulation
 
@@ -20,15 +20,15 @@ SIZE = (0.5, 0.5, 0.3)  # shown of a vehicle whose shape nobody gave [m]
 
 
 def setup_of(
-    wanted: "Wanted", composed: "Simulation", readiness: "Readiness", test: dict[str, Any] | None = None
+    config: "EngineConfig", composed: "Simulation", readiness: "Readiness", test: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """The message that tells it; `test` is what Manoeuvres lays out of one."""
-    return described(wanted.scenario, composed.vehicle) | {
+    return described(config.scenario, composed.vehicle) | {
         "kind": "setup",
         "thrusters": composed.thruster_names,
         "sensors": composed.sensor_names,
         "readings": values_of(composed.sensor_names),
-        "twin": wanted.is_twin,
+        "twin": config.is_twin,
         "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
         "home": np.asarray(readiness.start.position),
         "missing": list(readiness.missing),

@@ -15,7 +15,7 @@ from rovtwin.scenario.schema import Waypoint
 
 WINDOW = 10.0  # over which innovations are compared with what the filter says of itself [s]
 BY_OPERATOR = REASONS[OPERATOR]  # what the operator asked for is no alarm
-TOLD = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))  # kinds whose values are shown
+SHOWN = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))  # kinds whose values are shown
 
 
 class SensorStatus:
@@ -35,7 +35,7 @@ class SensorStatus:
         self._news += readings
 
     @property
-    def told_until(self) -> float:
+    def reported_until(self) -> float:
         """Of which time the newest truth is that came [s]."""
         return max((r.t_valid for r in reversed(self._news) if r.sensor == TRUTH), default=self.truth_at)
 
@@ -53,12 +53,12 @@ class SensorStatus:
                 self._last[reading.sensor] = (t, reading.value)
         return news
 
-    def told(self, t: float) -> dict[str, Any]:
+    def report(self, t: float) -> dict[str, Any]:
         """Age [s] of every sensor and values of those that people look at; the truth and the water's velocity."""
         sensors = {}
-        for name, (heard, value) in self._last.items():
-            shown = value if kind_of(name) in TOLD else None
-            sensors[name] = {"age": t - heard if value is not None else None, "value": shown}
+        for name, (received, value) in self._last.items():
+            shown = value if kind_of(name) in SHOWN else None
+            sensors[name] = {"age": t - received if value is not None else None, "value": shown}
         truth, current = (None, None) if self.truth is None else (self.truth[:6], self.truth[6:9])
         return {"sensors": sensors, "truth": truth, "current": current}
 
@@ -92,7 +92,7 @@ class Consistency:
     def __init__(self, names: list[str]):
         self._names = sorted(names)
         self._kept: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
-        self._told: dict[str, Any] = {}
+        self._report: dict[str, Any] = {}
         self._judged = -np.inf
 
     def take(self, t: float, output: AutopilotOutput) -> None:
@@ -101,7 +101,7 @@ class Consistency:
         if np.any(dof):
             self._kept.append((t, nis, dof))
 
-    def told(self, t: float) -> dict[str, Any]:
+    def report(self, t: float) -> dict[str, Any]:
         """Mean per scalar innovation, their number, and the band that it should lie in; renewed once a second."""
         if t - self._judged >= 1.0 or t < self._judged:
             self._judged = t
@@ -109,8 +109,8 @@ class Consistency:
                 self._kept.popleft()
             if self._kept:
                 _, nis, dof = zip(*self._kept, strict=True)
-                self._told = judged(self._names, np.sum(nis, axis=0), np.sum(dof, axis=0))
-        return self._told
+                self._report = judged(self._names, np.sum(nis, axis=0), np.sum(dof, axis=0))
+        return self._report
 
 
 def judged(names: list[str], nis: np.ndarray, dof: np.ndarray) -> dict[str, Any]:
@@ -182,7 +182,7 @@ def counted(waypoints: int) -> str:
     return "1 way-point" if waypoints == 1 else f"{waypoints} way-points"
 
 
-def plan_told(waypoints: list[Waypoint], submitted: bool, datum: Datum) -> dict[str, Any]:
+def plan_message(waypoints: list[Waypoint], submitted: bool, datum: Datum) -> dict[str, Any]:
     """The message that tells of a plan; places on the map are told in metres, too."""
     rows = [
         waypoint.model_dump(exclude_none=True, exclude={"geodetic"}) | {"position": waypoint.placed(datum)}

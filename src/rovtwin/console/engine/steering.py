@@ -17,7 +17,7 @@ from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
 
 
 class Steering(abc.ABC):
-    """An autopilot for missions (`Helm`) or for a test (`TrialHelm`), as the engine ticks it."""
+    """An autopilot for missions (`Helm`) or for a test (`ExperimentHelm`), as the engine ticks it."""
 
     def __init__(self, composed: Simulation, autopilot: Block, control_dt: float):
         """Compiles."""

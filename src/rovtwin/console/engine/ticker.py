@@ -21,12 +21,12 @@ class Ticker:
     def __init__(self, vessel: VehicleSession, clock: Clock, dt: float):
         """`dt` is the control period [s]. What came before is forgotten; thrusters are off."""
         self.vessel, self._clock, self._dt = vessel, clock, dt
-        vessel.ears.drain()
+        vessel.mux.drain()
         vessel.helm.restart(vessel.readiness.start)
         self.ticks, self.began = 0, clock.next(dt)
-        vessel.ears.zero = self.began
+        vessel.mux.zero = self.began
         names = vessel.composed.sensor_names
-        self._hearing, self._consistency, self._pace = SensorStatus(names), Consistency(names), Pace()
+        self._sensor_status, self._consistency, self._pace = SensorStatus(names), Consistency(names), Pace()
         self._late = self._latest = 0.0
 
     @property
@@ -49,14 +49,14 @@ class Ticker:
         Raises:
             LinkError: It is lost.
         """
-        self._hearing.hear(self.vessel.ears.read())
+        self._sensor_status.hear(self.vessel.mux.read())
 
-    def tick(self, operator_age: float, wish: tuple[float, ...], armed: bool) -> bool:
+    def tick(self, operator_age: float, pilot_command: tuple[float, ...], armed: bool) -> bool:
         """One tick of what was heard; False where the world has not come so far.
 
         Args:
             operator_age: Since the operator gave a sign of life [s].
-            wish: The pilot's, see `HostAutopilot.step`.
+            pilot_command: The pilot's, see `HostAutopilot.step`.
             armed: Whether the command goes to the vehicle.
 
         Raises:
@@ -64,17 +64,17 @@ class Ticker:
         """
         vessel, clock, t = self.vessel, self._clock, self.t
         fast = clock.speed > 1.0
-        if fast and self._hearing.told_until < t - 0.5 * self._dt:
+        if fast and self._sensor_status.reported_until < t - 0.5 * self._dt:
             # In step with the world: neither outruns the other.
             vessel.link.tell(("reached", self.began + t - self._dt))
             return False
-        readings = self._hearing.news(t, t + 0.5 * self._dt if fast else np.inf)
+        readings = self._sensor_status.news(t, t + 0.5 * self._dt if fast else np.inf)
         late = self._pace.wait(self.began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
             vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
         # Ages by our own time; faster than real time nothing is too late.
         ages = vessel.link.age, operator_age, 0.0 if fast else late / self._dt
-        command = vessel.helm.tick(readings, ages, wish)
+        command = vessel.helm.tick(readings, ages, pilot_command)
         if armed:
             vessel.link.send(command)
         if fast:
@@ -84,10 +84,15 @@ class Ticker:
         self.ticks += 1
         return True
 
-    def told(self, waypoints: int) -> dict[str, Any]:
+    def report(self, waypoints: int) -> dict[str, Any]:
         """Of the last tick, for a mission of so many way-points; `late_ms` is the largest since this was last asked."""
         vessel, t = self.vessel, self.t - self._dt
-        state = flown(vessel.helm.output, waypoints) | self._hearing.told(t)
-        state |= {"t": t, "nis": self._consistency.told(t), "link_age": vessel.link.age, "late_ms": 1e3 * self._latest}
+        state = flown(vessel.helm.output, waypoints) | self._sensor_status.report(t)
+        state |= {
+            "t": t,
+            "nis": self._consistency.report(t),
+            "link_age": vessel.link.age,
+            "late_ms": 1e3 * self._latest,
+        }
         self._latest = 0.0
         return state

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.helm import Helm
-from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
@@ -41,7 +41,7 @@ Say = Callable[[str, str], None]  # stage, note
 
 
 @dataclass(frozen=True)
-class Wanted:
+class EngineConfig:
     """What to fly: a scenario, the vehicle's URL (`twin://` for a computed one), instruments beside it."""
 
     scenario: Scenario
@@ -76,10 +76,10 @@ class Step:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the vehicle can keep up: `speed` ahead [m/s], in still water and against what current there is; `said`."""
+    """What the vehicle can keep up: `speed` ahead [m/s], in still water and against what current there is; `text`."""
 
     speed: float
-    said: str
+    text: str
 
     @classmethod
     def of(cls, composed: Simulation) -> "Limits":
@@ -87,8 +87,8 @@ class Limits:
         top = performance(composed.model)["surge"]["ahead"].top_speed
         current = getattr(composed.scenario.world.current, "velocity", None) or [0.0, 0.0, 0.0]
         against = math.hypot(*current[:2])
-        said = f"{top:.2g} m/s ahead" + (f" less {against:.2g} m/s of current" if against else "")
-        return cls(max(top - against, 0.0), said)
+        text = f"{top:.2g} m/s ahead" + (f" less {against:.2g} m/s of current" if against else "")
+        return cls(max(top - against, 0.0), text)
 
 
 @dataclass
@@ -97,9 +97,9 @@ class VehicleSession:
 
     link: HostedLink
     sources: list[Source]
-    ears: SensorMux
+    mux: SensorMux
     readiness: Readiness
-    helm: Helm | TrialHelm
+    helm: Helm | ExperimentHelm
     composed: Simulation
     limits: Limits
     watch: VehicleWatch
@@ -111,7 +111,7 @@ class VehicleSession:
             one.close()
 
 
-Compiled = tuple[Simulation, Helm | TrialHelm, Limits, VehicleWatch]
+Compiled = tuple[Simulation, Helm | ExperimentHelm, Limits, VehicleWatch]
 
 
 class SessionBuilder:
@@ -123,8 +123,8 @@ class SessionBuilder:
         step: What is done to make a vessel ready; None where none is being made.
     """
 
-    def __init__(self, wanted: Wanted, speed: float, say: Say):
-        self.wanted, self.speed, self._say = wanted, speed, say
+    def __init__(self, config: EngineConfig, speed: float, say: Say):
+        self.config, self.speed, self._say = config, speed, say
         self.clock = Clock(speed)
         self._made: VehicleSession | None = None
         self._helm: Compiled | None = None
@@ -165,8 +165,8 @@ class SessionBuilder:
         self._say("listening" if number == len(STEPS) else "connecting", f"{what} ({number} of {len(STEPS)})")
 
     def _vessel(self) -> VehicleSession:
-        wanted = self.wanted
-        self.clock = Clock(0.0 if wanted.is_twin else self.speed)
+        config = self.config
+        self.clock = Clock(0.0 if config.is_twin else self.speed)
         self._go_on(1)
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
@@ -180,17 +180,17 @@ class SessionBuilder:
             link = opening.result()
         sources: list[Source] = []
         try:
-            for url in wanted.sensors:
+            for url in config.sensors:
                 sources.append(source(url, self.clock))
-            if wanted.is_twin:
+            if config.is_twin:
                 link.tell(("pace", *self.clock.run(self.speed)))
-            ears = SensorMux(link, sources)
+            mux = SensorMux(link, sources)
             self._go_on(5)
             names = composed.sensor_names
-            needed, rotation = needed_by(wanted.scenario), rotated(composed.loop.twin.sensors).get("attitude")
+            needed, rotation = needed_by(config.scenario), rotated(composed.loop.twin.sensors).get("attitude")
             settle()
             readiness = listen(
-                ears,
+                mux,
                 names,
                 lambda text: self._say("listening", text),
                 self.speed,
@@ -202,21 +202,21 @@ class SessionBuilder:
             for one in (link, *sources):
                 one.close()
             raise
-        return VehicleSession(link, sources, ears, readiness, helm, composed, limits, watch)
+        return VehicleSession(link, sources, mux, readiness, helm, composed, limits, watch)
 
     def _open(self) -> HostedLink:
-        wanted = self.wanted
-        if wanted.is_twin:
-            made, patience = WorldOpener(wanted.scenario, self.clock), COMPILING
+        config = self.config
+        if config.is_twin:
+            made, patience = WorldOpener(config.scenario, self.clock), COMPILING
         else:
-            made, patience = opener(wanted.link, wanted.scenario, self.clock), CONNECTING
-        return HostedLink(made, len(vehicle_of(wanted.scenario).thruster_names), wanted.stop_at, patience)
+            made, patience = opener(config.link, config.scenario, self.clock), CONNECTING
+        return HostedLink(made, len(vehicle_of(config.scenario).thruster_names), config.stop_at, patience)
 
     def _compiled(self) -> Compiled:
-        scenario = self.wanted.scenario
+        scenario = self.config.scenario
         composed = compose(scenario)
         _ = composed.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
         self._go_on(2)
-        helm = (TrialHelm if scenario.test else Helm)(composed, scenario)
+        helm = (ExperimentHelm if scenario.test else Helm)(composed, scenario)
         self._go_on(3)
         return composed, helm, Limits.of(composed), VehicleWatch(composed, scenario)

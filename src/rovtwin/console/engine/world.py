@@ -114,10 +114,10 @@ def _added(twin: Twin) -> Any:
 
 def _moved(twin: Twin, memory: Any, u: Any, k: Any, dt: float) -> Any:
     memory, moved = twin.step(memory, TwinInput(Command(u), k), dt)
-    return memory, moved.measurements, _told(moved)
+    return memory, moved.measurements, _readings(moved)
 
 
-def _told(moved: TwinOutput) -> Any:
+def _readings(moved: TwinOutput) -> Any:
     state, water = moved.state, moved.environment
     surface = jnp.zeros(1) if water.surface is None else jnp.reshape(water.surface, 1)
     return jnp.concatenate([state.position, euler_from_quaternion(state.attitude), water.velocity, surface])

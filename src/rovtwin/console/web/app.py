@@ -59,7 +59,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     @app.post("/stop")
     async def stop() -> dict[str, Any]:
         try:
-            return {"ok": True, "heard": await hub.client.stop()}
+            return {"ok": True, "confirmed": await hub.client.stop()}
         except LinkError as error:
             return {"ok": False, "error": str(error)}
 

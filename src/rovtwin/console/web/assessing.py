@@ -31,7 +31,7 @@ class Assessing:
         self._hub, self._scenario = hub, scenario
         self._process: AssessProcess | None = None
         self._folder, self._due, self._tries = "", 0.0, 0
-        self._told: dict[str, Any] = {}
+        self._news: dict[str, Any] = {}
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -50,7 +50,7 @@ class Assessing:
             if await self._look(final=True) or self._tries >= TRIES:
                 self._folder = ""
         elif grows and not self._folder:
-            self._folder, self._due, self._tries, self._told = grows, 0.0, 0, {}
+            self._folder, self._due, self._tries, self._news = grows, 0.0, 0, {}
         if self._folder and grows == self._folder and time.monotonic() >= self._due:
             self._due = time.monotonic() + EVERY
             await self._look(final=False)
@@ -91,8 +91,8 @@ class Assessing:
         raise TimeoutError  # an OSError
 
     def _tell(self, **news: Any) -> None:
-        self._told |= {"kind": "identify", "folder": self._folder, "command": self._command()} | news
-        self._hub.keep(self._told)
+        self._news |= {"kind": "identify", "folder": self._folder, "command": self._command()} | news
+        self._hub.keep(self._news)
 
     def _command(self) -> str:
         """What makes the full estimate of this log."""

@@ -53,7 +53,7 @@ async def answer(browser: Browser, text: str, do: Do) -> None:
     what = what[:40] if isinstance(what, str) else "?"
     browser.orders += 1
     try:
-        reply: dict[str, Any] = {"ok": True, "said": await do(what, message)}
+        reply: dict[str, Any] = {"ok": True, "message": await do(what, message)}
     except RovtwinError as error:
         reply = {"ok": False, "error": str(error)}
     except Exception as error:  # a mistake of ours: whoever gave the order must not be left in doubt
@@ -103,7 +103,7 @@ class Hub:
         browser = Browser(self._unused(name))
         self._browsers.append(browser)
         self.rights.come(browser.name)
-        browser.put(self._text(self._pulse_told()))
+        browser.put(self._text(self._pulse_message()))
         for kind in ("setup", "history", "watch", "state"):
             if kind in self.client.last:
                 browser.put(encode(self.client.last[kind]).decode())
@@ -113,14 +113,14 @@ class Hub:
         self.tell_rights()
         return browser
 
-    def _unused(self, wished: str) -> str:
+    def _unused(self, name: str) -> str:
         """A name that no page has which lives: a tab that was duplicated brings along that of its original."""
         for other in self._browsers:
-            if other.name == wished:
+            if other.name == name:
                 if other.silent < LIVING:
                     return f"b{secrets.token_hex(2)}"
                 other.give_up()  # its network was lost, and it is the same that comes anew
-        return wished
+        return name
 
     def leave(self, browser: Browser) -> None:
         """A page that closes."""
@@ -151,7 +151,7 @@ class Hub:
     def tell_rights(self) -> None:
         """Who is in control, to each in its own words."""
         for browser in self._browsers:
-            browser.put(self._text(self.rights.told(browser.name)))
+            browser.put(self._text(self.rights.message(browser.name)))
 
     def attended(self) -> dict[str, Any]:
         """What pages need that show no flight, replays, to count down while nobody is in control of one."""
@@ -184,8 +184,8 @@ class Hub:
 
     def _drafting_differs(self) -> bool:
         """Whether a plan was submitted, and what is on the table is another."""
-        told = self.plan()
-        return told["submitted"] and told["changed"]
+        plan = self.plan()
+        return plan["submitted"] and plan["changed"]
 
     # From the browsers
 
@@ -194,7 +194,7 @@ class Hub:
         await answer(browser, text, partial(self._do, browser))
 
     async def _do(self, browser: Browser, do: str, what: dict[str, Any]) -> str:
-        name, heard = browser.name, what.pop("pulse", None)
+        name, pulse = browser.name, what.pop("pulse", None)
         if do == "stop":
             return "thrusters off" if await self.client.stop() else "no vehicle is held"
         if do == "alive":
@@ -204,13 +204,13 @@ class Hub:
         if browser.orders > AT_ONCE:
             raise RovtwinError(f"{browser.orders} orders of this page wait already. Give it again in a moment")
         if do in ("take", "ask", "give", "refuse"):
-            said = self.rights.take(name) if do in ("take", "ask") else getattr(self.rights, do)(name) or ""
+            text = self.rights.take(name) if do in ("take", "ask") else getattr(self.rights, do)(name) or ""
             self.tell_rights()
-            return said
+            return text
         if self.rights.holder != name:
             raise RovtwinError(f"{self.rights.holder or 'nobody'} is in control: ask for it first")
         if do not in ANY_AGE:
-            _require_new(heard)
+            _require_new(pulse)
         if do == "start" and self._drafting_differs():
             raise RovtwinError("the plan was changed since it was submitted: Submit it, or Undo")
         if do == "pilot" and what.get("begin"):
@@ -230,7 +230,7 @@ class Hub:
     def _pass_on(self, kind: str, text: bytes) -> None:
         """News of the engine, as they are."""
         if kind == "flown":
-            self._plan_told()
+            self._plan_message()
             return
         if kind == "state" and (ready := self.client.last["state"].get("stage") == "ready") != self._ready:
             self._ready = ready
@@ -241,23 +241,23 @@ class Hub:
         for browser in self._browsers:
             browser.put(text.decode(), kind == "state")
 
-    def _plan_told(self) -> None:
+    def _plan_message(self) -> None:
         flown = self.client.last["flown"]
         if not self._seen_plan:  # what the scenario brings along is where the operator begins
             self._seen_plan = True
             self.draft.rows = [row_from(waypoint) for waypoint in flown["waypoints"]]
-        if flown != self._told_flown:
-            self._told_flown = flown
+        if flown != self._sent_flown:
+            self._sent_flown = flown
             self.tell_plan()
 
-    _told_flown: dict[str, Any] | None = None
+    _sent_flown: dict[str, Any] | None = None
 
     async def _pulse(self) -> None:
         while True:
-            self.send(self._pulse_told())
+            self.send(self._pulse_message())
             await asyncio.sleep(PULSE)
 
-    def _pulse_told(self) -> dict[str, Any]:
+    def _pulse_message(self) -> dict[str, Any]:
         """Whether the engine lives; pages say with each order of which pulse they have heard last."""
         return {"kind": "pulse", "hung": self.client.hung, "at": time.monotonic()}
 
@@ -266,13 +266,13 @@ class Hub:
         return encode(message).decode()
 
 
-def _require_new(heard: Any) -> None:
+def _require_new(pulse: Any) -> None:
     """Raise RovtwinError where the newest pulse that a page had heard when it gave an order is too old [s]."""
-    if heard is None:  # a program in place of a page
+    if pulse is None:  # a program in place of a page
         return
-    if isinstance(heard, bool) or not isinstance(heard, int | float):
-        raise RovtwinError(f"pulse: found {heard!r:.40}, expected the time of one")
-    if not 0.0 <= time.monotonic() - heard <= LATE:
+    if isinstance(pulse, bool) or not isinstance(pulse, int | float):
+        raise RovtwinError(f"pulse: found {pulse!r:.40}, expected the time of one")
+    if not 0.0 <= time.monotonic() - pulse <= LATE:
         raise RovtwinError("it comes late: the network was down when it was given. Look, and give it again")
 
 

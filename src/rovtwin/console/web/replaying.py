@@ -58,7 +58,7 @@ class Replaying:
             self.looks = None
             recording.notes.append(f"no looks of the vehicle: {error}")
         marks = marks_of(recording)
-        self._told = [
+        self._messages = [
             self._setup(),
             {"kind": "marks", "marks": marks},
             {"kind": "history", "events": marks},
@@ -73,7 +73,7 @@ class Replaying:
         """A page that opens, with all that it has to know; it begins at the beginning, and stands."""
         seat = Seat(name, self.recording.start)
         self.seats.append(seat)
-        for message in self._told:
+        for message in self._messages:
             seat.put(encode(message).decode())
         self._show(seat)
         return seat

@@ -68,9 +68,9 @@ async def serve(hub: Speaks, socket: WebSocket) -> None:
         await asyncio.wait_for(socket.close(LATER), CLOSING)
 
 
-def _name(wished: str) -> str:
+def _name(proposed: str) -> str:
     """A browser's name for itself, if it is one."""
-    return wished if wished.isalnum() and len(wished) <= 12 else f"b{secrets.token_hex(2)}"
+    return proposed if proposed.isalnum() and len(proposed) <= 12 else f"b{secrets.token_hex(2)}"
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:

@@ -86,7 +86,7 @@ class Lockstep:
         self._ending = threading.Event()
         self._count = -1
         self._sender: tuple[str, int] | None = None
-        self._heard_at = 0.0
+        self._received_at = 0.0
         self._answer = b""
 
     def run(self) -> None:
@@ -148,11 +148,11 @@ class Lockstep:
     def _is_firmware(self, sender: tuple[str, int]) -> bool:
         now = time.monotonic()
         if sender != self._sender:
-            if self._sender is not None and now - self._heard_at < CHANGE:
+            if self._sender is not None and now - self._received_at < CHANGE:
                 return False
             self._begin_anew()
             self._sender = sender
-        self._heard_at = now
+        self._received_at = now
         return True
 
     def _begin_anew(self) -> None:

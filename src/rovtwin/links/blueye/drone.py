@@ -8,7 +8,7 @@ from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.clients import Clients
 from rovtwin.links.blueye.mission import READY, RUNNING, Here, Supervisor
 from rovtwin.links.blueye.notes import ABORTED_NOW, UNSPECIFIED, WARNING, Note
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 
 FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
@@ -225,12 +225,14 @@ class Drone:
         self._handed_over(before)
         return ended
 
-    def wish(self) -> Wish:
+    def command(self) -> PilotCommand:
         """What the vehicle shall do now."""
         if self.armed and self.mission.state == RUNNING and self.mission.target is not None:
             motion = (*self._ahead_of_target(), 0.0, 0.0, 0.0)
-            return Wish(drone=self.name, armed=True, motion=motion, target=self.mission.target, lights=self.lights)
-        return Wish(
+            return PilotCommand(
+                drone=self.name, armed=True, motion=motion, target=self.mission.target, lights=self.lights
+            )
+        return PilotCommand(
             drone=self.name,
             armed=self.armed,
             motion=self.motion if self.armed else wire.STILL,

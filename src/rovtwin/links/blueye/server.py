@@ -19,12 +19,12 @@ from rovtwin.links.blueye.protobuf import PACKAGE
 from rovtwin.links.blueye.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.telemetry import Telemetry
 from rovtwin.links.blueye.wire import Ignored, Watchdog, parse_control
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
-from rovtwin.links.wish import Wish
 
 FIRST = 2  # of 127.0.0.x, which the drones get unless told otherwise
-REPEAT = 0.05  # a wish is repeated so often while the pilot lives [s]
+REPEAT = 0.05  # a command is repeated so often while the pilot lives [s]
 AT_MOST = 0.01  # and not more often than this, whatever a client sends [s]
 
 
@@ -178,7 +178,7 @@ class Served:
             await asyncio.sleep(0)
 
     async def keep_wishing(self) -> None:
-        """Repeat the pilot's wish while its watchdog is fed; at once when it is new, and once when it is no more."""
+        """Repeat the pilot's command while its watchdog is fed; at once when it is new, and once when it is no more."""
         while True:
             try:
                 async with asyncio.timeout(REPEAT):
@@ -194,7 +194,7 @@ class Served:
                 self._send("LightsTel")
             if self.drone.armed:
                 self._was_armed = True
-                self._station.wish(self.drone.wish())
+                self._station.command(self.drone.command())
             else:
                 self.disarm()
             await asyncio.sleep(AT_MOST)
@@ -203,7 +203,7 @@ class Served:
         """Thrusters off, said once."""
         if self._was_armed:
             self._was_armed = False
-            self._station.wish(Wish(self.drone.name, armed=False))
+            self._station.command(PilotCommand(self.drone.name, armed=False))
 
     async def publish(self) -> None:
         """Telemetry from the station's readings."""

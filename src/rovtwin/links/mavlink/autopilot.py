@@ -10,7 +10,7 @@ from rovtwin.links.mavlink.missions import Missions
 from rovtwin.links.mavlink.mixing import Mixer, clean_axes
 from rovtwin.links.mavlink.modes import ALT_HOLD, GUIDED, MANUAL, MODES, SURFACE, Mode, refusal
 from rovtwin.links.mavlink.parameters import Parameters
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 
 EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # MAV_SEVERITY
 SURFACE_DEPTH = 0.1  # from here on it is at the surface, ArduSub's parameter of that name [m]
@@ -29,7 +29,7 @@ class Autopilot:
         mixer: Turns axes into shares of the largest force; None takes axes for shares.
         fastest: Largest velocity ahead, to the right, down [m/s] and turn rate [rad/s] that a share of 1 of a held
             motion stands for.
-        drone: Name for its wishes.
+        drone: Name for its commands.
         missions: The lists that clients uploaded.
         knows_place: Whether the vehicle knows where it is now, which modes that hold a place and SURFACE need.
     """
@@ -48,10 +48,10 @@ class Autopilot:
     _velocity: tuple[float, float, float, float] | None = None
     _velocity_at: float = 0.0
     _input_at: float = -np.inf
-    _heard_at: float = -np.inf
+    _received_at: float = -np.inf
     _armed_by: int = 0
     _steered: bool = False
-    _neutral_said: bool = False
+    _neutral_reported: bool = False
     _refused: str = ""
 
     def arm(self, by: int, now: float, ready: str) -> bool:
@@ -62,7 +62,7 @@ class Autopilot:
         if not self.armed:
             self.armed, self._armed_by = True, by
             # Both fail-safes count from here: an ArduSub that never heard anybody would not let go at all.
-            self._input_at = self._heard_at = now
+            self._input_at = self._received_at = now
             self._let_go()
             self.say(INFO, "Arming motors")
         return True
@@ -105,20 +105,20 @@ class Autopilot:
 
     def has_pilot(self, now: float) -> bool:
         """Whether that system has spoken lately."""
-        return now - self._heard_at <= self.parameters["FS_GCS_TIMEOUT"]
+        return now - self._received_at <= self.parameters["FS_GCS_TIMEOUT"]
 
     def heartbeat(self, system: int, now: float) -> None:
         """A ground station is there."""
         if self.is_pilot(system):
-            self._heard_at = now
+            self._received_at = now
 
     def steer(self, system: int, axes: np.ndarray | None, now: float) -> bool:
         """A pilot's input; whether it counts: it must come from SYSID_MYGCS and be whole."""
         if system != int(self.parameters["SYSID_MYGCS"]) or axes is None:
             return False
         self.axes = clean_axes(axes)
-        self._input_at = self._heard_at = now
-        self._steered, self._neutral_said = True, False
+        self._input_at = self._received_at = now
+        self._steered, self._neutral_reported = True, False
         return True
 
     def obey(self, system: int, order: Order, now: float) -> bool:
@@ -148,9 +148,9 @@ class Autopilot:
             self.say(CRITICAL, "MYGCS: heartbeat lost")
             self.disarm()
         elif late and (self._steered or self.mode is not GUIDED):
-            if not self._neutral_said:
+            if not self._neutral_reported:
                 self.say(CRITICAL, "Lost manual control")
-            self._neutral_said, self._steered = True, False
+            self._neutral_reported, self._steered = True, False
             self.axes, self.target = np.zeros(6), None
             if self.parameters["FS_PILOT_INPUT"] == 2:
                 self.disarm()
@@ -158,14 +158,14 @@ class Autopilot:
     @property
     def failing(self) -> bool:
         """Whether a fail-safe acts: the pilot is not heard any more."""
-        return self.armed and self._neutral_said
+        return self.armed and self._neutral_reported
 
-    def wish(self, now: float) -> Wish:
+    def command(self, now: float) -> PilotCommand:
         """What the vehicle shall do now."""
         if not self.armed:
-            return Wish(self.drone)
+            return PilotCommand(self.drone)
         mode = self.mode
-        return Wish(
+        return PilotCommand(
             self.drone,
             armed=True,
             motion=tuple(float(m) for m in self._motion(now)),
@@ -196,4 +196,4 @@ class Autopilot:
 
     def _let_go(self) -> None:
         self.axes, self.target, self._velocity = np.zeros(6), None, None
-        self._neutral_said = False
+        self._neutral_reported = False

@@ -31,8 +31,8 @@ class BootClock:
         self._now = min(self._now, delay)
         step = SLEW * min(max(boot - self._last, 0.0), self._speed) if math.isfinite(self._last) else 0.0
         self._last = boot
-        wanted = min(self._before, self._now)
-        self._offset += min(max(wanted - self._offset, -step), step)
+        target = min(self._before, self._now)
+        self._offset += min(max(target - self._offset, -step), step)
         return min(boot + self._offset, arrival)
 
 

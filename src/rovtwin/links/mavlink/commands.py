@@ -72,11 +72,11 @@ class Request:
 
 def _arm(request: Request) -> int:
     autopilot = request.talk.autopilot
-    wanted = request.values[0]
-    if wanted not in (0.0, 1.0):
+    requested = request.values[0]
+    if requested not in (0.0, 1.0):
         return UNSUPPORTED
     request.changed = True
-    if wanted == 0.0:
+    if requested == 0.0:
         autopilot.disarm()
         return ACCEPTED
     armed = autopilot.arm(request.by, request.talk.clock(), request.talk.scene.readiness())

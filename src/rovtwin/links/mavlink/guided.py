@@ -121,7 +121,7 @@ def order_of_attitude(message: Any, here: Place | None, climb: float) -> Order:
 def _place(message: Any, asked: list[bool], here: Place, before: Place | None) -> Order:
     frame = message.coordinate_frame
     # A coordinate that is ignored is neither a step nor a place: leave it out before turning.
-    step = [value if wanted else 0.0 for value, wanted in zip((message.x, message.y, message.z), asked, strict=True)]
+    step = [value if is_set else 0.0 for value, is_set in zip((message.x, message.y, message.z), asked, strict=True)]
     if frame in ALONG_HEADING:
         step[:2] = _turned(step[0], step[1], here[3])
         asked = [True, True, asked[2]] if asked[0] or asked[1] else asked

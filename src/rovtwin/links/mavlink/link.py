@@ -110,13 +110,13 @@ class MavlinkLink(Link):
         self._acks: dict[int, int] = {}
         self._texts: deque[str] = deque(maxlen=8)
         self._neutral: np.ndarray = np.zeros(6)
-        self._wanted, self._wanted_at = self._neutral, -math.inf
+        self._setpoint, self._setpoint_at = self._neutral, -math.inf
         self._stopped = self._closed = False
         self._asked = False  # whether it was asked to arm and not let go since: only then it is ours to steer
-        self._heard_at = self._named_at = -math.inf
+        self._received_at = self._named_at = -math.inf
         self._error: LinkError | None = None
         self._disarm_since, self._disarm_until, self._wake = -math.inf, -math.inf, threading.Event()
-        self._line = Line(url, baud, system, 190, self._heard)  # 190: MAV_COMP_ID_MISSIONPLANNER
+        self._line = Line(url, baud, system, 190, self._on_message)  # 190: MAV_COMP_ID_MISSIONPLANNER
         self._line.start()
         self._sender = threading.Thread(target=self._send_on, name="mavlink steers", daemon=True)
         self._sender.start()
@@ -130,7 +130,7 @@ class MavlinkLink(Link):
     def age(self) -> float:
         """Since the autopilot was last heard [real s]; infinite for a link that is lost or closed."""
         lost = self._closed or self._error is not None or bool(self._line.failure)
-        return math.inf if lost else max(0.0, time.monotonic() - self._heard_at)
+        return math.inf if lost else max(0.0, time.monotonic() - self._received_at)
 
     @property
     def armed(self) -> bool:
@@ -193,13 +193,13 @@ class MavlinkLink(Link):
         with self._lock:
             if self._stopped:
                 return
-            self._wanted, self._wanted_at = clean_axes(self._axes(np.clip(u, -1.0, 1.0))), time.monotonic()
+            self._setpoint, self._setpoint_at = clean_axes(self._axes(np.clip(u, -1.0, 1.0))), time.monotonic()
         self._wake.set()
 
     def stop(self) -> None:
         with self._lock:
             if not self._stopped:
-                self._stopped, self._wanted = True, self._neutral
+                self._stopped, self._setpoint = True, self._neutral
                 if self._asked:
                     self._begin_disarming()
         self._wake.set()
@@ -242,7 +242,7 @@ class MavlinkLink(Link):
             fix = "Check the tether and open the link anew"
             self._error = LinkError(f"mavlink: {self._line.url}: {self._line.failure}. {fix}")
         # The first heartbeat has a time limit of its own.
-        elif math.isfinite(self._heard_at) and time.monotonic() - self._heard_at > LOST_AFTER:
+        elif math.isfinite(self._received_at) and time.monotonic() - self._received_at > LOST_AFTER:
             self._error = LinkTimeout(
                 f"mavlink: {self._line.url}: the autopilot was silent for {LOST_AFTER:g} s, expected a heartbeat a "
                 "second. Thrusters are off. Check the tether and open the link anew"
@@ -283,10 +283,10 @@ class MavlinkLink(Link):
     def _live(self, now: float) -> np.ndarray:
         """Axes of the newest command, neutral where it is too old or would mean something else."""
         with self._lock:
-            aged = now - self._wanted_at > COMMAND_LIFE
+            aged = now - self._setpoint_at > COMMAND_LIFE
             # In other modes sticks are rates: whoever changed the mode has the vehicle now.
             elsewhere = self._mode != MANUAL.number or now - self._mode_at > STALE_MODE
-            return self._neutral if self._stopped or aged or elsewhere else self._wanted
+            return self._neutral if self._stopped or aged or elsewhere else self._setpoint
 
     def _send_sticks(self, axes: np.ndarray) -> None:
         if self._target is None:
@@ -374,7 +374,7 @@ class MavlinkLink(Link):
 
     # --- listening
 
-    def _heard(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         arrival = self._clock()
         kind = message.get_type()
         if kind == "HEARTBEAT":
@@ -382,7 +382,7 @@ class MavlinkLink(Link):
         if message.get_srcSystem() != self._target:
             return
         if message.get_srcComponent() == 1:  # the autopilot's; others of the vehicle may outlive it
-            self._heard_at = time.monotonic()
+            self._received_at = time.monotonic()
         if kind == "COMMAND_ACK":
             self._acks[message.command] = message.result
         elif kind == "STATUSTEXT":

@@ -41,8 +41,8 @@ class Mixer:
         A vehicle of more than six thrusters cannot be given every u through six axes; all that a symmetric allocation
         asks for along one axis is met exactly. What does not fit is scaled down as a whole.
         """
-        wanted = np.linalg.pinv(self.factors) @ np.asarray(u, dtype=float)
-        return wanted / max(1.0, float(np.abs(wanted).max()))
+        desired = np.linalg.pinv(self.factors) @ np.asarray(u, dtype=float)
+        return desired / max(1.0, float(np.abs(desired).max()))
 
     def commands(self, axes: np.ndarray) -> np.ndarray:
         """Commands u that ArduSub gives the thrusters for axes, shape (6,) -> (n,), within +-1."""
@@ -66,7 +66,7 @@ class Mixer:
         return np.where(full > 1e-9, full, 1.0)
 
     def motion(self, axes: np.ndarray) -> np.ndarray:
-        """Axes as shares of the largest force or moment (`Wish.motion`), shape (6,) -> (6,)."""
+        """Axes as shares of the largest force or moment (`PilotCommand.motion`), shape (6,) -> (6,)."""
         return np.clip(self.wrench(self.commands(axes)) / self.largest, -1.0, 1.0)
 
     def command_of_motion(self, motion: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ class Peer:
     write: Callable[[bytes], None]
     encoder: Encoder
     schedule: Schedule
-    heard_at: float
+    received_at: float
     called: bool = False
     close: Callable[[], None] | None = None
 
@@ -63,8 +63,8 @@ class Peers:
 
     def _make_room(self, now: float) -> bool:
         others = {a: p for a, p in self.by_address.items() if not p.called}
-        oldest = min(others, key=lambda a: others[a].heard_at)
-        if now - others[oldest].heard_at <= SILENT:
+        oldest = min(others, key=lambda a: others[a].received_at)
+        if now - others[oldest].received_at <= SILENT:
             return False
         self.drop(oldest)
         if (close := others[oldest].close) is not None:
@@ -77,7 +77,7 @@ class Peers:
     def forget(self, now: float) -> list[Peer]:
         """Drop who was silent over UDP for too long; who that was."""
         datagrams = {a: p for a, p in self.by_address.items() if not p.called and p.close is None}
-        old = {a: p for a, p in datagrams.items() if now - p.heard_at > FORGOTTEN}
+        old = {a: p for a, p in datagrams.items() if now - p.received_at > FORGOTTEN}
         for address in old:
             del self.by_address[address]
         return list(old.values())

@@ -11,7 +11,7 @@ from rovtwin.core.errors import LinkError
 
 GRAVITY = 9.80665  # of the unit mg [m/s2]
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
-LEAK_SAID = 30.0  # ArduSub tells of a leak every 20 s: so long after, it is taken for over [s]
+LEAK_LIFE = 30.0  # ArduSub tells of a leak every 20 s: so long after, it is taken for over [s]
 DEPTHS = ("SCALED_PRESSURE2", "VFR_HUD", "GLOBAL_POSITION_INT")
 
 Reading = tuple[str, list[float], float | None]  # sensor, values, time since boot [s] or None: when it arrived
@@ -100,7 +100,7 @@ def _status(self: Readings, m: Any, arrival: float) -> Iterator[Reading]:
         known = m.voltage_battery != 65535 and m.current_battery >= 0
         power = m.voltage_battery * 1e-3 * m.current_battery * 1e-2 if known else 0.0
         yield "battery", [min(1.0, m.battery_remaining * 0.01), power], None
-    yield "leak", [1.0 if arrival - self._leak_at < LEAK_SAID else 0.0], None
+    yield "leak", [1.0 if arrival - self._leak_at < LEAK_LIFE else 0.0], None
 
 
 def _text(self: Readings, m: Any, arrival: float) -> Iterator[Reading]:

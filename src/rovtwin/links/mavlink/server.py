@@ -27,7 +27,7 @@ from rovtwin.links.station import Station
 
 logger = logging.getLogger(__name__)
 
-REPEAT = 0.05  # a wish is repeated after this [s]; it holds for 0.3 s at the vehicle
+REPEAT = 0.05  # a command is repeated after this [s]; it holds for 0.3 s at the vehicle
 HEARTBEAT = 1.0  # [s], real time
 LEAK_REPEAT = 20.0  # a leak is told again after this, as ArduSub does [s]
 SUBMARINE, ARDUPILOT = 12, 3  # MAV_TYPE, MAV_AUTOPILOT
@@ -100,7 +100,7 @@ class MavlinkServer(Server):
             await session.open(open_things)
             open_things.callback(session.end)
             async with asyncio.TaskGroup() as tasks:
-                for work in (session.telemetry(), session.wishes(), session.heartbeats()):
+                for work in (session.telemetry(), session.send_commands(), session.heartbeats()):
                     tasks.create_task(work)
 
 
@@ -134,7 +134,7 @@ class Session:
             self.autopilot, scene, server.system, 1, time.monotonic, self._everybody, server.firmware
         )
         self.autopilot.knows_place = lambda: scene.fix() is not None
-        self._wished_armed = False
+        self._sent_armed = False
         self._leak_text_at = -LEAK_REPEAT
         self._texts = 0  # numbers of texts that came in pieces
         self._datagrams = Decoder()
@@ -166,7 +166,7 @@ class Session:
     def end(self) -> None:
         """Leave nothing armed behind."""
         self.autopilot.disarm()
-        self._wish()
+        self._send_command()
 
     async def telemetry(self) -> None:
         """Send what is due with every batch of readings."""
@@ -178,8 +178,8 @@ class Session:
                     for message in peer.schedule.due(scene):
                         peer.send(message)
 
-    async def wishes(self) -> None:
-        """Repeat the wish while armed, and watch over who lives."""
+    async def send_commands(self) -> None:
+        """Repeat the command while armed, and watch over who lives."""
         while True:
             now = time.monotonic()
             self.autopilot.check(now)
@@ -187,7 +187,7 @@ class Session:
                 self.autopilot.lose_depth()
             else:
                 self.autopilot.arrive(depth)
-            self._wish()
+            self._send_command()
             self._tell_of_leak(now)
             remind(self.talk, now)
             for peer in self._peers.forget(now):
@@ -213,12 +213,12 @@ class Session:
         state = CRITICAL if self.autopilot.failing else ACTIVE if armed else STANDBY
         return self._dialect.MAVLink_heartbeat_message(SUBMARINE, ARDUPILOT, base, mode.number, state, 3)
 
-    def _wish(self) -> None:
+    def _send_command(self) -> None:
         """While armed, every time; after that once, that it is not any more."""
         armed = self.autopilot.armed
-        if armed or self._wished_armed:
-            self._station.wish(self.autopilot.wish(time.monotonic()))
-        self._wished_armed = armed
+        if armed or self._sent_armed:
+            self._station.command(self.autopilot.command(time.monotonic()))
+        self._sent_armed = armed
 
     def _say(self, severity: int, text: str) -> None:
         letters = text.encode("ascii", "replace")
@@ -280,11 +280,11 @@ class Session:
         return messages
 
     def _take(self, messages: list[Any], peer: Peer) -> None:
-        peer.heard_at = time.monotonic()
+        peer.received_at = time.monotonic()
         before = (self.autopilot.mode, self.autopilot.armed)
         changed = [self._answer(message, peer) for message in messages]
         if any(changed):
-            self._wish()
+            self._send_command()
         if (self.autopilot.mode, self.autopilot.armed) != before:
             self._everybody(self._heartbeat())  # sooner than an ArduSub tells it: nobody needs to wait a second
 

@@ -108,9 +108,9 @@ class Schedule:
 
     def set_rate(self, name: str, rate: float) -> None:
         """0 or less turns a message off; no faster than FASTEST."""
-        wanted = min(max(rate, 0.0), FASTEST) if math.isfinite(rate) else 0.0
-        if wanted != self.rate(name):
-            self._rates[name] = wanted
+        requested = min(max(rate, 0.0), FASTEST) if math.isfinite(rate) else 0.0
+        if requested != self.rate(name):
+            self._rates[name] = requested
             self._due.pop(name, None)
 
     def reset_rate(self, name: str) -> None:

@@ -84,9 +84,9 @@ class _Viewer:
             self.once = None
         if self.stream is None:
             return
-        wanted = self._due(t) if self.stream.rate else self._frames % self.stream.every == 0
+        due = self._due(t) if self.stream.rate else self._frames % self.stream.every == 0
         self._frames += 1
-        if wanted:
+        if due:
             self.client.send(frame(self.stream.components))
 
 

@@ -69,7 +69,7 @@ class QtmSource(BackgroundSource):
         self._end: asyncio.Event | None = None
         self._protocol: Any = None
         self._index = 0
-        self._heard_at = 0.0
+        self._received_at = 0.0
         logging.getLogger("qtm_rt").setLevel(logging.CRITICAL)  # it logs every connection that fails; `status` tells
         self._thread.start()
 
@@ -87,8 +87,8 @@ class QtmSource(BackgroundSource):
         self._protocol = None
         try:
             if await self._unless_ended(self._connect(), PATIENCE):
-                self._heard_at = time.monotonic()
-                while time.monotonic() - self._heard_at <= PATIENCE:
+                self._received_at = time.monotonic()
+                while time.monotonic() - self._received_at <= PATIENCE:
                     with contextlib.suppress(TimeoutError):
                         await asyncio.wait_for(self._end.wait(), 0.5)
                         break
@@ -140,16 +140,16 @@ class QtmSource(BackgroundSource):
         if self._body is None and len(names) == 1:
             return 0
         if self._body is None or self._body not in names:
-            wanted = "a body must be named" if self._body is None else f"no rigid body '{self._body}'"
+            problem = "a body must be named" if self._body is None else f"no rigid body '{self._body}'"
             raise LinkError(
-                f"{wanted}; QTM has: {known}. Mend the link's address (qtm://HOST/BODY) or the project in QTM"
+                f"{problem}; QTM has: {known}. Mend the link's address (qtm://HOST/BODY) or the project in QTM"
             )
         return names.index(self._body)
 
     def _take(self, packet: Any) -> None:
         """A frame, called by the vendor's client."""
         arrival = self.clock()
-        self._heard_at = time.monotonic()
+        self._received_at = time.monotonic()
         self._reached()
         found = packet.get_6d_residual()
         if found is None or len(found[1]) <= self._index:

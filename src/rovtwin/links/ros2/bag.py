@@ -108,7 +108,7 @@ def rosbag2_metadata(file: str, topics: list[Topic]) -> str:
         }
         for topic in topics
     ]
-    told = {
+    metadata = {
         "version": 5,
         "storage_identifier": "mcap",
         "duration": duration,
@@ -120,7 +120,7 @@ def rosbag2_metadata(file: str, topics: list[Topic]) -> str:
         "relative_file_paths": [file],
         "files": [{"path": file, "starting_time": begin, "duration": duration, "message_count": total}],
     }
-    return yaml.safe_dump({"rosbag2_bagfile_information": told}, sort_keys=False)
+    return yaml.safe_dump({"rosbag2_bagfile_information": metadata}, sort_keys=False)
 
 
 def _write(stream: Any, topics: list[Topic]) -> None:

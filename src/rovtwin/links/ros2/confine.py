@@ -25,15 +25,15 @@ _MAPPED, _ONE = "0000000000000000FFFF0000", "00000000000000000000000001000000"  
 
 
 @contextmanager
-def confined(wanted: bool) -> Iterator[None]:
+def confined(confine: bool) -> Iterator[None]:
     """Sockets that this process opens within the block hear the loopback interface only, if wanted.
 
     Raises:
         LinkError: They cannot be confined, so others on the network would be heard.
     """
-    before = open_sockets() if wanted else {}
+    before = open_sockets() if confine else {}
     yield
-    if not wanted:
+    if not confine:
         return
     if not sys.platform.startswith("linux"):
         raise LinkError("ROS 2: only on Linux can it be kept on this machine. Add --expose if others may reach it")

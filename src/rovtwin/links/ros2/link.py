@@ -115,7 +115,7 @@ class Ros2Link(Link):
         self._anchor = (0.0, math.inf)  # the same instant on the stamps' clock and on ours
         self._timer = timer
         self._error: LinkError | None = None
-        self._heard_at, self._heard_any, self._asked = timer(), False, False
+        self._received_at, self._received_any, self._asked = timer(), False, False
         self._lock = threading.Lock()
         self._wake = threading.Condition(self._lock)
         self._readings: deque[Measurement] = deque(maxlen=BACKLOG)
@@ -141,7 +141,7 @@ class Ros2Link(Link):
     @property
     def age(self) -> float:
         """Since the vehicle was last heard, or the link opened [real s]; infinite for a link that is lost or closed."""
-        return math.inf if self._closed or self._error else max(0.0, self._timer() - self._heard_at)
+        return math.inf if self._closed or self._error else max(0.0, self._timer() - self._received_at)
 
     def arm(self) -> None:
         """From now on it says `arm: true` with each command.
@@ -193,8 +193,8 @@ class Ros2Link(Link):
 
     def _check_alive(self) -> None:
         """Gives the link up, thrusters off, where the vehicle fell silent."""
-        limit = LOST_AFTER if self._heard_any else FIRST
-        if self._error is not None or self._closed or self._timer() - self._heard_at <= limit:
+        limit = LOST_AFTER if self._received_any else FIRST
+        if self._error is not None or self._closed or self._timer() - self._received_at <= limit:
             return
         with self._lock:
             problems = "; ".join(self.problems.values())
@@ -225,8 +225,8 @@ class Ros2Link(Link):
         if self._use_sim_time is not False:
             self._transport.subscribe(CLOCK, msg.Clock, self._hear_clock)
         for topic in sorted(set(self._sources.values()) - {""}):
-            wanted = {sensor for sensor, source in self._sources.items() if source == topic}
-            self._transport.subscribe(self._name(topic), TOPICS[topic][0], partial(self._hear, topic, wanted))
+            sensors = {sensor for sensor, source in self._sources.items() if source == topic}
+            self._transport.subscribe(self._name(topic), TOPICS[topic][0], partial(self._hear, topic, sensors))
 
     def _name(self, topic: str) -> str:
         name = self._names.get(topic, topic)
@@ -243,7 +243,7 @@ class Ros2Link(Link):
             if not self._own_time:
                 self._map(now, self._clock())
 
-    def _hear(self, topic: str, wanted: set[str], message: Any) -> None:
+    def _hear(self, topic: str, sensors: set[str], message: Any) -> None:
         """In a thread of the transport."""
         read = TOPICS[topic][1]
         try:
@@ -253,8 +253,8 @@ class Ros2Link(Link):
             self._refuse(topic, error)
             return
         with self._lock:
-            self._heard_at, self._heard_any = self._timer(), True
-            for sensor in wanted & found.keys():
+            self._received_at, self._received_any = self._timer(), True
+            for sensor in sensors & found.keys():
                 last = self._last.get(sensor, -np.inf)
                 # A repeat, or one that was overtaken. Much older: the vehicle began anew, and so do we.
                 if last - self._tolerance < t <= last:

@@ -1,4 +1,4 @@
-"""What we hear in messages of ROS, as readings and wishes in our frames: pure functions that raise only LinkError.
+"""What we hear in messages of ROS, as readings and commands in our frames: pure functions that raise only LinkError.
 
 The middleware has checked the bytes; here are the meanings: what is not finite, not a unit quaternion, of a wrong
 length or in an unknown frame is refused. A part that a message says it lacks gives no reading.

@@ -66,5 +66,5 @@ def _choose() -> str:
     found = [name for name in ("rclpy", "cyclonedds") if importlib.util.find_spec(name)]
     if not found:
         raise LinkError(MISSING)
-    wanted = "rclpy" if os.environ.get("ROS_DISTRO") else "cyclonedds"
-    return wanted if wanted in found else found[0]
+    preferred = "rclpy" if os.environ.get("ROS_DISTRO") else "cyclonedds"
+    return preferred if preferred in found else found[0]

@@ -1,8 +1,8 @@
-"""Who steers: what clients of ROS 2 sent last, and the wish that follows from it."""
+"""Who steers: what clients of ROS 2 sent last, and the command that follows from it."""
 
 from dataclasses import dataclass, field
 
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 
 
 @dataclass
@@ -11,7 +11,7 @@ class Pilot:
 
     The vehicle arms when `arm` says so and stays armed while its client is heard: the wrench, the way-point or `arm`
     must come again within `life`. A wrench overrides and forgets a way-point. When a client that steers by wrench falls
-    silent, or all of them do, one disarmed wish goes out; then `arm` must be said anew.
+    silent, or all of them do, one disarmed command goes out; then `arm` must be sent anew.
 
     Attributes:
         drone: Its name.
@@ -23,14 +23,14 @@ class Pilot:
     armed: bool = False
     motion: tuple[float, ...] | None = None
     target: tuple[float, float, float, float] | None = None
-    _heard: float = field(default=-1e9, repr=False)
+    _received_at: float = field(default=-1e9, repr=False)
     _steered: float = field(default=-1e9, repr=False)
     _owed: bool = field(default=False, repr=False)
 
-    def hear_arm(self, now: float, wanted: bool) -> None:
+    def hear_arm(self, now: float, requested: bool) -> None:
         """`arm`: true arms or keeps armed, false disarms at once."""
-        self._heard = now
-        if wanted:
+        self._received_at = now
+        if requested:
             self.armed = True
         else:
             self._disarm()
@@ -38,37 +38,37 @@ class Pilot:
     def hear_motion(self, now: float, motion: tuple[float, ...]) -> bool:
         """A wrench as shares of the largest; whether it counts: not before arming."""
         if self.armed:
-            self._heard = self._steered = now
+            self._received_at = self._steered = now
             self.motion, self.target = motion, None
         return self.armed
 
     def hear_target(self, now: float, target: tuple[float, float, float, float]) -> bool:
         """A way-point; whether it counts: not before arming, nor while somebody steers by wrench."""
         if self.armed and self.motion is None:
-            self._heard, self.target = now, target
+            self._received_at, self.target = now, target
             return True
         return False
 
-    def wish(self, now: float) -> Wish | None:
+    def command(self, now: float) -> PilotCommand | None:
         """What the vehicle shall do now, or None where nobody wants anything."""
-        silent = now - self._heard > self.life or (self.motion is not None and now - self._steered > self.life)
+        silent = now - self._received_at > self.life or (self.motion is not None and now - self._steered > self.life)
         if self.armed and silent:
             self._disarm()
         if self.armed:
-            return Wish(self.drone, True, self.motion or (0.0,) * 6, target=self.target)
+            return PilotCommand(self.drone, True, self.motion or (0.0,) * 6, target=self.target)
         if self._owed:
             self._owed = False
-            return Wish(self.drone)
+            return PilotCommand(self.drone)
         return None
 
-    def end(self) -> Wish | None:
-        """The last wish, when the server ends: disarmed, if anything is left to disarm."""
+    def end(self) -> PilotCommand | None:
+        """The last command, when the server ends: disarmed, if anything is left to disarm."""
         if not (self.armed or self._owed):
             return None
         self._disarm()
         self._owed = False
-        return Wish(self.drone)
+        return PilotCommand(self.drone)
 
     def _disarm(self) -> None:
-        # A client that says `false` gets its wish even where nothing was armed by us.
+        # A client that sends `false` gets its command even where nothing was armed by us.
         self.armed, self.motion, self.target, self._owed = False, None, None, True

@@ -19,7 +19,7 @@ from rovtwin.links.ros2.transport import Transport
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 
-WISHES = 20.0  # repeated a second (real time)
+COMMAND_RATE = 20.0  # repeated a second (real time)
 # `arm` is heard first: a client that sends everything at once means it so.
 TOPICS_IN: dict[str, type] = {"arm": msg.Bool, "cmd_wrench": msg.WrenchStamped, "cmd_pose": msg.PoseStamped}
 # Cyclone, kept on this machine, is not found by nodes of Fast DDS that look for others on the network.
@@ -40,8 +40,8 @@ class Ros2Server(Server):
 
     Attributes:
         namespace: Of the topics.
-        largest: Force or moment that counts as 1 in a wish: surge, sway, heave [N], roll, pitch, yaw [N m]; 0 where the
-            vehicle can do nothing.
+        largest: Force or moment that counts as 1 in a command: surge, sway, heave [N], roll, pitch, yaw [N m]; 0
+            where the vehicle can do nothing.
         domain: Of ROS 2, 0 to 232; by default `ROS_DOMAIN_ID`, else 0.
         expose: Whether other machines take part.
         sim_time: Whether stamps are the vehicle's time and `/clock` tells it; otherwise they are of the host's clock.
@@ -115,11 +115,11 @@ class _Serving:
         self.root = check_namespace(server.namespace)
         self.pilots = {drone: Pilot(drone, server.life) for drone in station.drones}
         self._lock = threading.Lock()
-        self._heard: dict[tuple[str, str], tuple[Any, float]] = {}  # the newest by drone and topic
-        self._disarmed: set[str] = set()  # drones whose client said so since the last wish
+        self._received: dict[tuple[str, str], tuple[Any, float]] = {}  # the newest by drone and topic
+        self._disarmed: set[str] = set()  # drones whose client sent so since the last command
         self.refused = 0
         self.speaker = Speaker(server, self.root, transport.publish, station.say)
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
 
     async def run(self) -> None:
         for drone in self.station.drones:
@@ -137,21 +137,23 @@ class _Serving:
                 task.cancel()
             for pilot in self.pilots.values():
                 if (last := pilot.end()) is not None:
-                    self.station.wish(last)
+                    self.station.command(last)
 
     def _hear(self, drone: str, topic: str, message: Any) -> None:
         """In a thread of the transport: only keep it. However many come, one a topic waits; no `false` gets lost."""
         with self._lock:
-            self._heard[drone, topic] = message, time.monotonic()
+            self._received[drone, topic] = message, time.monotonic()
             if topic == "arm" and not message.data:
                 self._disarmed.add(drone)
 
     def _take(self) -> list[tuple[str, str, Any, float]]:
         with self._lock:
-            heard, disarmed = self._heard, self._disarmed
-            self._heard, self._disarmed = {}, set()
+            received, disarmed = self._received, self._disarmed
+            self._received, self._disarmed = {}, set()
         found = [(drone, "arm", msg.Bool(False), time.monotonic()) for drone in disarmed]
-        return found + [(drone, t, *heard[drone, t]) for t in TOPICS_IN for drone in self.pilots if (drone, t) in heard]
+        return found + [
+            (drone, t, *received[drone, t]) for t in TOPICS_IN for drone in self.pilots if (drone, t) in received
+        ]
 
     async def _publish(self) -> None:
         async for readings in self.station.readings():
@@ -160,16 +162,16 @@ class _Serving:
     async def _steer(self) -> None:
         while True:
             armed = self._armed()
-            for heard in self._take():
-                self._obey(*heard)
+            for received in self._take():
+                self._obey(*received)
             asked = self._armed()
             for pilot in self.pilots.values():
-                if (wish := pilot.wish(time.monotonic())) is not None:
-                    self.station.wish(wish)
+                if (command := pilot.command(time.monotonic())) is not None:
+                    self.station.command(command)
             self._tell(asked - armed, "armed")
             self._tell(armed - asked, "disarmed")
             self._tell(asked - self._armed(), "its client is silent: disarmed")
-            await asyncio.sleep(1.0 / WISHES)
+            await asyncio.sleep(1.0 / COMMAND_RATE)
 
     def _armed(self) -> set[str]:
         """Names of the drones that are armed."""
@@ -209,6 +211,6 @@ class _Serving:
 
     def _say_once(self, topic: str, what: str) -> None:
         # Once a topic and kind: a client that repeats a mistake must not fill the screen.
-        if (key := f"{topic} {what[:20]}") not in self._said:
-            self._said.add(key)
+        if (key := f"{topic} {what[:20]}") not in self._reported:
+            self._reported.add(key)
             self.station.say(f"ROS 2: {topic} {what}")

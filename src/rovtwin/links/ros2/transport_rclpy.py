@@ -105,12 +105,12 @@ def _discovery(expose: bool) -> Iterator[None]:
         yield
         return
     if os.environ.get("ROS_DISTRO") in _BEFORE_IRON:
-        wanted: dict[str, str | None] = {"ROS_LOCALHOST_ONLY": "1"}
+        settings: dict[str, str | None] = {"ROS_LOCALHOST_ONLY": "1"}
     else:
-        wanted = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": None, "ROS_LOCALHOST_ONLY": None}
-    before = {name: os.environ.get(name) for name in wanted}
+        settings = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": None, "ROS_LOCALHOST_ONLY": None}
+    before = {name: os.environ.get(name) for name in settings}
     try:
-        _set(wanted)
+        _set(settings)
         yield
     finally:
         _set(before)

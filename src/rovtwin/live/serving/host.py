@@ -8,7 +8,7 @@ from rovtwin.core.flat import Layout
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.links.wish import Wish
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.live.serving.vehicle import ServedOutput, orders, served_of
 from rovtwin.scenario.schema import Scenario
 
@@ -63,25 +63,25 @@ class ServedVehicle:
         """Simulated time [s]."""
         return self.tick * self.dt
 
-    def advance(self, wishes: Mapping[str, Wish]) -> list[Measurement]:
+    def advance(self, commands: Mapping[str, PilotCommand]) -> list[Measurement]:
         """One control period; drones without a wish have their thrusters off. What was measured within it."""
         taken = self._idle.copy()
-        for drone, wish in wishes.items():
+        for drone, command in commands.items():
             if drone in self._orders:
-                self._write(taken, drone, wish)
+                self._write(taken, drone, command)
         given = self._advance(self._parameters, self._after, taken, np.asarray(self.tick))
         self._after = given[: self._size]
         self.given = np.asarray(given)
         self.tick += 1
         return self._readings(self.given)
 
-    def _write(self, taken: np.ndarray, drone: str, wish: Wish) -> None:
+    def _write(self, taken: np.ndarray, drone: str, command: PilotCommand) -> None:
         order = self._orders[drone]
-        taken[order.armed] = wish.armed
-        taken[order.motion] = wish.motion
-        taken[order.holds] = wish.hold_depth, wish.hold_heading, wish.hold_level, wish.hold_position
-        if wish.target is not None:
-            taken[order.target], taken[order.aimed] = wish.target, 1.0
+        taken[order.armed] = command.armed
+        taken[order.motion] = command.motion
+        taken[order.holds] = command.hold_depth, command.hold_heading, command.hold_level, command.hold_position
+        if command.target is not None:
+            taken[order.target], taken[order.aimed] = command.target, 1.0
 
     def _readings(self, given: np.ndarray) -> list[Measurement]:
         shown = self._shown

@@ -67,8 +67,8 @@ class FirmwarePhysics:
             nu_dot = acceleration(model, state.position, state.attitude, state.nu, tau, water, dt, inflow)
             force = measurement.specific_force(state, nu_dot, jnp.zeros(3), jnp.eye(3))
             velocity = rotation_from_quaternion(state.attitude) @ state.nu[:3]
-            told = jnp.concatenate([state.nu[3:], force, state.position, velocity, state.attitude])
-            return (after, state), told
+            sent = jnp.concatenate([state.nu[3:], force, state.position, velocity, state.attitude])
+            return (after, state), sent
 
         # The step is a constant: a firmware keeps to its rate.
         self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)
@@ -100,10 +100,10 @@ class FirmwarePhysics:
         elif dt not in self._rates:
             self._rates.append(dt)
         self._command = self._firmware.commands(pwm, self.thrusters)
-        self._memory, told = self._step(*self._parameters, self._memory, as_array(self._command), dt)
+        self._memory, sent = self._step(*self._parameters, self._memory, as_array(self._command), dt)
         self.time += dt
         self.now += dt
-        gyro, force, position, velocity, quaternion = np.split(np.asarray(told), [3, 6, 9, 12])
+        gyro, force, position, velocity, quaternion = np.split(np.asarray(sent), [3, 6, 9, 12])
         return self._firmware.state(self.time, gyro, force, position, velocity, quaternion)
 
 

@@ -12,8 +12,8 @@ from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, as_array
 from rovtwin.core.sensors import kind_of
 from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.replay import readings_of
-from rovtwin.links.wish import Wish
 from rovtwin.live.serving.vehicle import OF_A_DRONE, drones_of
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import rotated, sensors_of
@@ -69,7 +69,7 @@ class ReplayedVehicle:
         """Time since the beginning [s]; it goes on when the log begins again."""
         return self._tick * self.dt
 
-    def advance(self, wishes: Mapping[str, Wish]) -> list[Measurement]:
+    def advance(self, commands: Mapping[str, PilotCommand]) -> list[Measurement]:
         """What was measured in the next period."""
         k = self._tick % self._ticks if self._loop else self._tick
         begin, end = np.searchsorted(self._arrivals, [(k - EARLY) * self.dt, (k + 1 - EARLY) * self.dt])

@@ -10,8 +10,8 @@ from typing import Protocol
 from rovtwin.core.flow import Measurement
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.apart import Protocols
+from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
-from rovtwin.links.wish import Wish
 from rovtwin.live.serving.truth_log import truth_log
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.runs.pace import SLIP, Pace
@@ -28,7 +28,7 @@ class Advancing(Protocol):
     @property
     def now(self) -> float: ...
 
-    def advance(self, wishes: dict[str, Wish]) -> list[Measurement]: ...
+    def advance(self, commands: dict[str, PilotCommand]) -> list[Measurement]: ...
 
 
 def serve(
@@ -73,11 +73,11 @@ def serve(
             if (late := pace.wait(due)) > SLIP:
                 pace.slipped += late
                 due += late
-            readings = vehicle.advance(protocols.wishes())
+            readings = vehicle.advance(protocols.commands())
             protocols.feed(vehicle.now, readings)
             if write:
                 write.take(vehicle)
-            for text in protocols.said():
+            for text in protocols.messages():
                 say(text)
             if progress and due - shown > PROGRESS:
                 shown = due

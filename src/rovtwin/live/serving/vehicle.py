@@ -109,10 +109,10 @@ class Served(eqx.Module):
             tau[name] = asked.tau
         command = Command(u)
         twin, moved = self.twin.step(memory.twin, TwinInput(command, k), dt)
-        told = self._along_b(moved.measurements)
+        published = self._along_b(moved.measurements)
         return (
-            ServedMemory(twin, filtered, senses, onboards, told, command),
-            ServedOutput(moved.state, told, estimate, command, tau),
+            ServedMemory(twin, filtered, senses, onboards, published, command),
+            ServedOutput(moved.state, published, estimate, command, tau),
         )
 
     def _along_b(self, measurements: Measurements) -> Measurements:

@@ -23,8 +23,8 @@ def thrust_figure(tests: Sequence[Any]) -> Figure:
         name = one.source if one.voltage is None else f"{one.voltage:g} V"
         command, measured = one.points.T
         force.plot(command, measured, color=colour, linestyle="none", marker=".", markersize=2.5, alpha=0.6)
-        told = f"{name}: n {one.both.values[2]:.2f}, dead band {one.both.values[1]:.2f}"
-        force.plot(u, one.both.force(u), color=colour, linewidth=1.2, label=told)
+        text = f"{name}: n {one.both.values[2]:.2f}, dead band {one.both.values[1]:.2f}"
+        force.plot(u, one.both.force(u), color=colour, linewidth=1.2, label=text)
         rest.append(one.both.force(command) - measured)
         left.plot(command, rest[-1], color=colour, linewidth=0.9)
     force.legend(fontsize=SMALL, frameon=False, loc="upper left")

@@ -51,7 +51,7 @@ def intervals_figure(result: Any, chosen: Sequence[int], truth: np.ndarray) -> F
 def _name_rows(axes: Axes, result: Any, chosen: Sequence[int]) -> None:
     """Names on the left, estimates with their units on the right."""
     free = result.parameters.free
-    said = [
+    labels = [
         f"{estimated(result.values[free[i].name], *result.interval(free[i].name))} {pretty(free[i].unit)}".strip()
         for i in chosen
     ]
@@ -60,7 +60,7 @@ def _name_rows(axes: Axes, result: Any, chosen: Sequence[int]) -> None:
     far = float(np.max(np.abs(axes.get_xlim())))
     axes.set_xlim(-min(far, _WIDEST), min(far, _WIDEST))
     right = axes.secondary_yaxis("right")
-    right.set_yticks(range(len(chosen)), said, fontsize=TINY)
+    right.set_yticks(range(len(chosen)), labels, fontsize=TINY)
     right.tick_params(length=0)
     right.spines["right"].set_visible(False)
     axes.xaxis.label.set_fontsize(FONT)

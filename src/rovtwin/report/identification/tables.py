@@ -69,7 +69,9 @@ def parameter_table(result: Any, couplings: bool) -> Table:
     """Value, interval, prior, how much narrower, verdict and excitation of the free parameters, or of the couplings."""
     std, before = result.std, np.sqrt(np.diag(result.prior.covariance))
     rows = []
-    for i, (p, said, moved) in enumerate(zip(result.parameters.free, result.verdicts, excitation(result), strict=True)):
+    for i, (p, verdict, moved) in enumerate(
+        zip(result.parameters.free, result.verdicts, excitation(result), strict=True)
+    ):
         if is_coupling(p.name) != couplings:
             continue
         mean = result.prior.mean[i]
@@ -77,7 +79,7 @@ def parameter_table(result: Any, couplings: bool) -> Table:
         ends = result.interval(p.name)
         rows.append([
             p.name, estimated(p.value(result.theta[i]), *ends), between(*ends), number(p.value(mean)),
-            between(*prior), pretty(p.unit), f"{std[i] / before[i]:.2g}", said, moved,
+            between(*prior), pretty(p.unit), f"{std[i] / before[i]:.2g}", verdict, moved,
         ])  # fmt: skip
     head = ["Parameter", "Value", "95 %", "Prior", "95 % of it", "Unit", "Width left", "Verdict", "Excitation"]
     if couplings:
@@ -234,12 +236,12 @@ def correlated_table(result: Any) -> Table:
     for members in _joined(np.abs(correlation) > _STRONG):
         signs = np.sign(correlation[members[0], members])
         up, down = ([names[i] for i, s in zip(members, signs, strict=True) if s == way] for way in (1.0, -1.0))
-        said = (
+        text = (
             "rise and fall together: their ratios are known better than they are"
             if not down
             else "make good for each other"
         )
-        rows.append([f"{in_families(names, up)}{' against ' + in_families(names, down) if down else ''}", said])
+        rows.append([f"{in_families(names, up)}{' against ' + in_families(names, down) if down else ''}", text])
     return Table("Known together only", ["Parameters", "Their errors"], rows, f"Correlations beyond ±{_STRONG}.")
 
 

@@ -38,12 +38,12 @@ def prediction_figure(predictions: Sequence[Any]) -> Figure:
         axes.tick_params(labelbottom=len(names) - k <= columns)
         name_panel(axes, component_name(name))
         score = first.scores[name]
-        said = (
+        text = (
             f"fit {round(score.fit)} %"
             if first.excited[name]
             else f"little above its noise; rms {_shown(name, score.rms)}"
         )
-        note(axes, said)
+        note(axes, text)
     for axes in grid[len(names) :]:
         axes.set_visible(False)
     handles = [Line2D([], [], **_READ | {"markersize": 5, "alpha": 1.0}, label="read")]
@@ -82,9 +82,9 @@ def _component(axes: Axes, predictions: Sequence[Any], name: str) -> None:
     signal, part = name.split(".")
     own = [n.split(".")[1] for n in predictions[0].scores if n.startswith(f"{signal}.")].index(part)
     for k, (look, prediction) in enumerate(zip(_LOOKS, predictions, strict=False)):
-        t, read, said = (np.asarray(x) for x in prediction.readings[signal])
+        t, read, predicted = (np.asarray(x) for x in prediction.readings[signal])
         y = read[:, own]
-        gap = said[:, own] - y
+        gap = predicted[:, own] - y
         if prediction.window is None and signal == "attitude":
             gap = np.unwrap(gap)
         y = np.unwrap(y) if signal == "attitude" else y

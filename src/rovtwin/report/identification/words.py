@@ -49,13 +49,13 @@ def verdict(result: Any, curves: Curves) -> Verdict:
 def _minutes(result: Any) -> str:
     fitted = [r for r in result.records if r["use"] == "fit"]
     seconds = sum(r["duration"] for r in fitted)
-    said = f"{seconds / 60:.1f} minutes" if seconds >= 90 else f"{seconds:.0f} seconds"
-    return f"{said} of {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
+    text = f"{seconds / 60:.1f} minutes" if seconds >= 90 else f"{seconds:.0f} seconds"
+    return f"{text} of {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
 
 
 def _families(result: Any, kind: str) -> str:
     names = result.parameters.names
-    return in_families(names, [n for n, said in zip(names, result.verdicts, strict=True) if said == kind])
+    return in_families(names, [n for n, verdict in zip(names, result.verdicts, strict=True) if verdict == kind])
 
 
 def in_families(every: Sequence[str], chosen: Sequence[str]) -> str:
@@ -112,14 +112,14 @@ def _held_out(result: Any) -> list[str]:
         return ["In the held-out tests nothing moved beyond the noise: they validate nothing."]
     fits = np.array([s.fit for s, _ in moved])
     worse = [name for s, name in moved if s.rms >= naive(s)]
-    said = (
+    text = (
         f"Held out, predicted open loop from the first state: fit {np.median(fits):.0f} % in the median of "
         f"{len(fits)} moving components ({fits.min():.0f} to {fits.max():.0f} %)"
     )
     if not worse:
-        return [f"{said}; every one is better than holding the first reading or predicting rest."]
+        return [f"{text}; every one is better than holding the first reading or predicting rest."]
     which = ", ".join(worse) if len(worse) <= _SHOWN else f"{len(worse)} of {len(fits)} components, see below"
-    return [f"{said}; no better than holding the first reading or predicting rest: {which}."]
+    return [f"{text}; no better than holding the first reading or predicting rest: {which}."]
 
 
 def naive(score: Any) -> float:
@@ -186,7 +186,7 @@ def not_learnt(result: Any) -> list[str]:
 def assumptions(result: Any) -> list[str]:
     """What the intervals rest on, so that a reader can judge them."""
     forces = "" if any(name.startswith("thrusters.") for name in result.parameters.names) else " and their forces"
-    said = [
+    sentences = [
         "They are 95 % intervals of a Gaussian around the most probable values (Gauss and Newton's approximation of "
         "the curvature), in the logarithm of what must be positive: hence not symmetric.",
         "The prior counts as evidence. Where a verdict says 'prior only', the interval is the prior's own width, and "
@@ -202,10 +202,10 @@ def assumptions(result: Any) -> list[str]:
     ]
     if result.residuals:
         name, worst = max(result.residuals.items(), key=lambda item: item[1].inflation)
-        said.append(
+        sentences.append(
             f"Residuals: at worst {worst.inflation:.2g} readings of {name} count as one. If that were all model error, "
             f"intervals would be {np.sqrt(worst.inflation):.2g} times as wide."
             if worst.inflation > 1.5
             else "Residuals are white enough that every reading counts as one."
         )
-    return said
+    return sentences

@@ -35,7 +35,7 @@ class Entry:
     remark: Callable[[Flight], str] | None = None
     of_everyone: bool = True
 
-    def said(self, flight: Flight) -> str:
+    def caption_of(self, flight: Flight) -> str:
         """The caption of this flight's figure."""
         return self.caption if self.remark is None else f"{self.caption} {self.remark(flight)}"
 
@@ -184,11 +184,11 @@ def left_out(log: Log) -> list[str]:
     """What a report of the log lacks and which channels it would take, a line each."""
     flight, lines = Flight(log), []
     for entry in CATALOGUE:
-        needed, wanted = missing(entry, flight)
+        needed, missing_channels = missing(entry, flight)
         if needed and not entry.of_everyone:
             continue
         if needed:
             lines.append(f"Figure “{entry.title}”: left out, the log has no {', no '.join(needed)}.")
-        elif wanted:
-            lines.append(f"Figure “{entry.title}”: drawn without {', '.join(wanted)}.")
+        elif missing_channels:
+            lines.append(f"Figure “{entry.title}”: drawn without {', '.join(missing_channels)}.")
     return lines

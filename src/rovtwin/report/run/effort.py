@@ -44,8 +44,8 @@ _WRENCH = ("$X$ [N]", "$Y$ [N]", "$Z$ [N]", "$K$ [N m]", "$M$ [N m]", "$N$ [N m]
 def forces(flight: Flight) -> Figure:
     """Force of each thruster between its limits, and the wrench that the controller wanted."""
     thrust, tau = flight.get("truth/thrust"), flight.get("autopilot/tau")
-    wanted = [] if tau is None else [k for k in range(6) if np.nanmax(np.abs(tau.values[:, k]), initial=0.0) > 1e-9]
-    columns = [n for n in (0 if thrust is None else len(thrust.channel.fields), len(wanted)) if n]
+    axes_used = [] if tau is None else [k for k in range(6) if np.nanmax(np.abs(tau.values[:, k]), initial=0.0) > 1e-9]
+    columns = [n for n in (0 if thrust is None else len(thrust.channel.fields), len(axes_used)) if n]
     figure = new_figure(height=max(1.0 * max(columns, default=1) + 0.9, 3.0))
     grid = figure.add_gridspec(1, max(len(columns), 1))
     strip = 0.13 / max(columns, default=1)
@@ -54,9 +54,9 @@ def forces(flight: Flight) -> Figure:
     if thrust is not None:
         axes, unnamed = _column(figure, grid[0, 0], flight, strip, ["[N]"] * columns[0])
         handles += _thrusters(axes, flight, thrust)
-    if tau is not None and wanted:
-        axes, unnamed = _column(figure, grid[0, -1], flight, strip, [_WRENCH[k] for k in wanted])
-        handles += _wrench(axes, flight, tau, wanted)
+    if tau is not None and axes_used:
+        axes, unnamed = _column(figure, grid[0, -1], flight, strip, [_WRENCH[k] for k in axes_used])
+        handles += _wrench(axes, flight, tau, axes_used)
     handles += [fault_patch()] if flight.faults else []
     legend_above(figure, [*handles, *map(phase_patch, sorted(unnamed))])
     return figure
@@ -78,12 +78,12 @@ def _thrusters(axes: list[Axes], flight: Flight, thrust: Series) -> list[Any]:
     return shown if bounds is None else [*shown, Line2D([], [], **LIMIT, label="its limits")]
 
 
-def _wrench(axes: list[Axes], flight: Flight, tau: Series, wanted: list[int]) -> list[Any]:
+def _wrench(axes: list[Axes], flight: Flight, tau: Series, axes_used: list[int]) -> list[Any]:
     cut = flight.get("autopilot/saturated")
-    for one, k in zip(axes, wanted, strict=True):
+    for one, k in zip(axes, axes_used, strict=True):
         line(one, tau.t, tau.values[:, k], color=BLUE, linewidth=0.7)
         name_panel(one, _WRENCH_NAMES[k])
-        mark_faults(one, flight.faults, numbered=k == wanted[0])
+        mark_faults(one, flight.faults, numbered=k == axes_used[0])
         one.set_ylim(*limits(tau.values[:, k], share=0.9995, least=0.05))
         if cut is not None:
             _saturated(one, cut.t, cut.values[:, k] > 0.5)

@@ -25,7 +25,8 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
     folder, flight = Path(folder), Flight(log)
     kept = folder / "scenario.yaml"
     pictures = [
-        save(entry.draw(flight), folder, entry.name, entry.title, entry.said(flight)) for entry in drawable(flight)
+        save(entry.draw(flight), folder, entry.name, entry.title, entry.caption_of(flight))
+        for entry in drawable(flight)
     ]
     return write_page(
         folder / "report.html",

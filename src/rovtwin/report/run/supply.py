@@ -18,7 +18,7 @@ def tethers(flight: Flight) -> Figure:
     pull, length = sheet.axes[:, 0]
     shown = []
     for (name, series), colour in zip(flight.tethers.items(), _colours(len(flight.tethers)), strict=True):
-        sheet.entry(_said(name), color=colour, linewidth=1.1)
+        sheet.entry(_label(name), color=colour, linewidth=1.1)
         line(pull, series.t, series["tension"], color=colour)
         shown.append(series["tension"])
         if "paid_out" in series.channel.fields:
@@ -45,7 +45,7 @@ def batteries(flight: Flight) -> Figure:
     charge, power = sheet.axes[:, 0]
     drawn = flight["truth/battery"]
     for (name, (t, left)), colour in zip(flight.charges.items(), _colours(len(flight.charges)), strict=True):
-        sheet.entry(_said(name), color=colour, linewidth=1.1)
+        sheet.entry(_label(name), color=colour, linewidth=1.1)
         line(charge, t, 100 * left, color=colour)
         if f"{name}_power" in drawn.channel.fields:
             mean = slow_mean(t, drawn[f"{name}_power"][:, None], window=10.0)[:, 0]
@@ -65,13 +65,13 @@ def about_tethers(flight: Flight) -> str:
         return ""
     tension, t, name = max(peaks)
     size = f"{tension:.3g} N" if tension >= 0.01 else "below 0.01 N"
-    return f"Largest tether tension: {size}, {_said(name)} at {t:.0f} s."
+    return f"Largest tether tension: {size}, {_label(name)} at {t:.0f} s."
 
 
 def about_batteries(flight: Flight) -> str:
     """What is left in each battery at the end, in a sentence."""
     left = {name: charge[np.isfinite(charge)] for name, (_, charge) in flight.charges.items()}
-    words = [f"{_said(name)} {100 * charge[-1]:.0f} %" for name, charge in left.items() if len(charge)]
+    words = [f"{_label(name)} {100 * charge[-1]:.0f} %" for name, charge in left.items() if len(charge)]
     return f"Left at the end: {', '.join(words)}." if words else ""
 
 
@@ -79,5 +79,5 @@ def _colours(count: int) -> list[str]:
     return [_COLOURS[k % len(_COLOURS)] for k in range(count)]
 
 
-def _said(name: str) -> str:
+def _label(name: str) -> str:
     return name.replace("_", " ")

@@ -85,13 +85,13 @@ def _in_the_water(flight: Flight, found: Mapping[str, Any], rows: list[list[str]
     values = {"water density": flown}
     if here and buoyancy is not None and weight is not None:
         values |= {"buoyancy": buoyancy * flown / here, "net buoyancy": buoyancy * flown / here - weight}
-    told = []
+    lines = []
     for label, *rest in rows:
-        told.append([f"{label}, as the file describes it" if label in values else label, *rest])
+        lines.append([f"{label}, as the file describes it" if label in values else label, *rest])
         if label in values:
             symbol, _, unit = rest
-            told.append([f"{label}, in the water flown", symbol, text(float(values[label])), unit])
-    return told
+            lines.append([f"{label}, in the water flown", symbol, text(float(values[label])), unit])
+    return lines
 
 
 def _density(water: Mapping[str, Any]) -> float | None:

@@ -91,18 +91,18 @@ def write_campaign_report(result: CampaignResult, folder: Path) -> Path:
     """Write `report.html` and its figures; a report that is there is replaced."""
     pictures = []
     if result.shown:
-        said = (
+        sentences = (
             "Bars count missions; the line is the share of the missions with at most that score; dashed the median, "
             "dotted 5 and 95 %. Missions that did not complete are in orange: their scores are of the part they flew."
         )
-        pictures.append(save(draw_scores(result), folder, "scores", "Distribution of the scores", said))
+        pictures.append(save(draw_scores(result), folder, "scores", "Distribution of the scores", sentences))
     if result.varied and any(name in result.shown for name in result.scatter):
-        said = (
+        sentences = (
             "Each dot is a mission, orange if it did not complete. Above each panel Spearman's rank correlation: "
             "+1 or -1 if the score only rises or falls with the value, about 0 (within ±2/√n by chance) if it does not "
             "depend on it."
         )
-        pictures.append(save(draw_scatter(result), folder, "scatter", "Scores against what varied", said))
+        pictures.append(save(draw_scatter(result), folder, "scatter", "Scores against what varied", sentences))
     return write_page(
         folder / "report.html",
         "campaign.html.j2",
@@ -124,13 +124,13 @@ def _verdict(result: CampaignResult) -> Verdict:
     if not flown:
         return Verdict(None, f"None of {result.samples} samples is flown", [], [])
     low, high = result.interval
-    said = [
+    sentences = [
         f"Completed: {100 * completed / flown:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} % "
         "(Clopper-Pearson)."
     ]
     if flown < result.samples:
-        said.append(f"{result.samples - flown} samples are left to fly; run the same command again.")
-    return Verdict(completed == flown, f"{completed} of {flown} missions completed", said, [])
+        sentences.append(f"{result.samples - flown} samples are left to fly; run the same command again.")
+    return Verdict(completed == flown, f"{completed} of {flown} missions completed", sentences, [])
 
 
 def _failure_table(result: CampaignResult) -> Table | None:

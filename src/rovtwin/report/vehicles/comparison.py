@@ -159,8 +159,8 @@ def parameter_table(comparison: Comparison, short: bool = False) -> Table:
             continue
         values = [one.values.get(name) for one in files]
         unit = next(v.unit for v in values if v is not None)
-        cells = ["-" if v is None else said_value(v, short) for v in values]
-        rows.append([name, pretty(unit), *cells, *(said_difference(d.get(name)) for d in comparison.differences)])
+        cells = ["-" if v is None else value_text(v, short) for v in values]
+        rows.append([name, pretty(unit), *cells, *(difference_text(d.get(name)) for d in comparison.differences)])
     note = (
         f"Differences are from {files[0].label}; in brackets in standard deviations (sd) of the difference. "
         "A ~ says that only one of the files was identified; the other is taken as exact."
@@ -174,7 +174,7 @@ def _difference_heads(files: Sequence[Any]) -> list[str]:
     return [f"{one.label} differs by" for one in files[1:]] if len(files) > 2 else ["Difference"]
 
 
-def said_value(value: Any, short: bool = False) -> str:
+def value_text(value: Any, short: bool = False) -> str:
     """`31.2 (28.9 to 33.8)`, or, for narrow screens, `31.2 ±7.9 %`."""
     shown, (low, high) = number(value.value), value.interval()
     if not np.isfinite(value.std):
@@ -187,27 +187,27 @@ def said_value(value: Any, short: bool = False) -> str:
     return f"{estimated(value.value, low, high)} ({between(low, high)})"
 
 
-def said_difference(difference: Any) -> str:
+def difference_text(difference: Any) -> str:
     """`+12 % (2.1 sd)`."""
     if difference is None:
         return "-"
     relative, deviations = difference.relative, difference.deviations
     parts = []
     if np.isfinite(relative):
-        parts.append(said_relative(relative))
+        parts.append(relative_text(relative))
     if np.isfinite(deviations):
-        parts.append(f"({'' if difference.both else '~'}{said_deviations(deviations)})")
+        parts.append(f"({'' if difference.both else '~'}{deviations_text(deviations)})")
     return " ".join(parts) or "-"
 
 
-def said_relative(share: float) -> str:
+def relative_text(share: float) -> str:
     """`+12 %`, `x 14` beyond ten times."""
     if abs(share) >= 10:
         return f"x {share + 1:.3g}"
     return f"{100 * share:+.0f} %" if abs(share) >= 0.095 else f"{round(100 * share, 1) + 0.0:+.1f} %"
 
 
-def said_deviations(deviations: float) -> str:
+def deviations_text(deviations: float) -> str:
     """`+2.1 sd`."""
     return f"{round(deviations, 1) + 0.0:+.1f} sd"
 
@@ -220,8 +220,8 @@ def force_table(comparison: Comparison, short: bool = False) -> Table:
         i = DIRECTIONS.index(f.direction)
         cells = [_with_band(y, sorted(b), short) for y, b in zip(f.force, f.band, strict=True)]
         gaps = [
-            (said_relative(y / f.force[0] - 1) if f.force[0] else "-")
-            + (f" ({said_deviations(d)})" if np.isfinite(d) else "")
+            (relative_text(y / f.force[0] - 1) if f.force[0] else "-")
+            + (f" ({deviations_text(d)})" if np.isfinite(d) else "")
             for y, d in zip(f.force[1:], f.deviations[1:], strict=True)
         ]
         rows.append([f.direction, f"{f.speed:+.3g} {SPEED_UNITS[i]}", FORCE_UNITS[i], *cells, *gaps])
@@ -243,24 +243,24 @@ def _with_band(force: float, band: Sequence[float], short: bool) -> str:
 
 def agreement(comparison: Comparison) -> list[str]:
     """A sentence per other file: whether it differs from the first by more than errors explain."""
-    first, said = comparison.files[0].label, []
+    first, sentences = comparison.files[0].label, []
     for one, whole, differences in zip(
         comparison.files[1:], comparison.wholes, comparison.differences, strict=True
     ):  # fmt: skip
         if whole is None:
-            said.append(f"{one.label} and {first}: neither says how well its values are known")
+            sentences.append(f"{one.label} and {first}: neither says how well its values are known")
             continue
         differ = whole.chance < _AGREE
         chance = f"{percent(whole.chance)}" if whole.chance >= 1e-3 else "less than 0.1 %"
         far = sorted((n for n in differences if abs(differences[n].deviations) > _NOTABLE),
                      key=lambda n: -abs(differences[n].deviations))  # fmt: skip
         named = f"; beyond 3 sd: {', '.join(far[:6])}{' and more' if len(far) > 6 else ''}" if far else ""
-        said.append(
+        sentences.append(
             f"{one.label} {'differs from' if differ else 'agrees with'} {first} "
             f"{'by more than' if differ else 'within'} their errors: squared distance {whole.distance:.4g} where "
             f"{whole.count} is expected (chance {chance}){named}"
         )
-    return said
+    return sentences
 
 
 def write_vehicle_comparison(comparison: Comparison, folder: Path, title: str = "") -> Path:

@@ -18,7 +18,7 @@ from rovtwin.gnc.scales import VehicleScales
 from rovtwin.runs.compose.acoustic import as_white
 from rovtwin.runs.compose.autopilot import autopilot_of
 from rovtwin.runs.compose.battery import battery_of
-from rovtwin.runs.compose.experiment import hand_of, trial_of
+from rovtwin.runs.compose.experiment import experiment_of, hand_of
 from rovtwin.runs.compose.faults import faults_of, listed
 from rovtwin.runs.compose.fit_experiment import fitted_test
 from rovtwin.runs.compose.fitting import fitted
@@ -146,7 +146,7 @@ def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | N
     start = start_of(scenario, plant)
     tethers = tethers_of(scenario.world, vehicle, start)
     loop = Loop(
-        autopilot=trial_of(scenario, model, vehicle, sensors)
+        autopilot=experiment_of(scenario, model, vehicle, sensors)
         if scenario.test
         else autopilot_of(scenario, model, sensors, way_points(scenario, model), list(vehicle.thruster_names)),
         twin=Twin(

@@ -15,7 +15,7 @@ from rovtwin.gnc.safety.supervisor import Supervisor
 from rovtwin.runs.compose.sensors import displaced
 from rovtwin.runs.compose.supervisor import THESIS_RULES, rules_of
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.trial import (
+from rovtwin.scenario.schema.experiment import (
     AXES,
     DoubletsSection,
     Manoeuvre,
@@ -59,7 +59,7 @@ class Piece:
     by_hand: bool = False
 
 
-def trial_of(scenario: Scenario, model: Model, vehicle: Vehicle, sensors: dict[str, Sensor]) -> Experiment:
+def experiment_of(scenario: Scenario, model: Model, vehicle: Vehicle, sensors: dict[str, Sensor]) -> Experiment:
     """The Block that flies the scenario's test with the sensors that are on board.
 
     Raises:

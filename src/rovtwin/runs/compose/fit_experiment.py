@@ -10,7 +10,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.runs.compose.experiment import pieces_of
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.trial import AXES, TrialSection
+from rovtwin.scenario.schema.experiment import AXES, ExperimentSection
 from rovtwin.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.description.identified import fingerprint
 
@@ -64,7 +64,7 @@ def fitted_test(scenario: Scenario, vehicle: Vehicle | None = None) -> Scenario:
         )
     cameras = _cameras(scenario, own, missing)
     notes = [*_in_words(missing), _times_note(ratios, own, written)]
-    changed = TrialSection(name=test.name, description=test.description, manoeuvres=left, notes=notes)
+    changed = ExperimentSection(name=test.name, description=test.description, manoeuvres=left, notes=notes)
     start = _deeper(scenario, scales.length / reference.length)
     whole = scenario.model_copy(update={"test": changed, "start": start, "cameras": cameras})
     spare = scenario.duration / (_seconds(scenario) or 1.0)

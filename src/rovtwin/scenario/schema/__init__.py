@@ -12,6 +12,7 @@ from rovtwin.scenario.schema.autopilot import (
     TunedSection,
 )
 from rovtwin.scenario.schema.datum import DatumSection
+from rovtwin.scenario.schema.experiment import ExperimentSection, ReleaseSection
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.operator import RequestSection
@@ -19,7 +20,6 @@ from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SensorSection, SensorsSection
 from rovtwin.scenario.schema.supervisor import RuleSection, SupervisorSection
 from rovtwin.scenario.schema.tether import TetherSection, TethersSection
-from rovtwin.scenario.schema.trial import ReleaseSection, TrialSection
 from rovtwin.scenario.schema.water import WaterSection
 from rovtwin.scenario.schema.world import (
     AirySection,
@@ -53,7 +53,7 @@ __all__ = [
     "ThesisSection",
     "ThesisWavesSection",
     "TrackingSection",
-    "TrialSection",
+    "ExperimentSection",
     "TunedSection",
     "WaterSection",
     "Waypoint",

@@ -10,11 +10,11 @@ from rovtwin.core.datum import Datum
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection, ModelBasedSection
 from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
+from rovtwin.scenario.schema.experiment import ExperimentSection
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, StartSection, Waypoint
 from rovtwin.scenario.schema.operator import RequestSection
 from rovtwin.scenario.schema.sensors import SensorsSection
-from rovtwin.scenario.schema.trial import TrialSection
 from rovtwin.scenario.schema.world import WorldSection
 from rovtwin.simulation.camera.sensor import CameraSection
 
@@ -60,7 +60,7 @@ class Scenario(Strict):
     sensors: SensorsSection = SensorsSection()
     autopilot: AutopilotSection = ModelBasedSection()
     mission: MissionSection | None = Field(default=None, description="way-points, or")
-    test: TrialSection | None = Field(default=None, description="an identification test: manoeuvres")
+    test: ExperimentSection | None = Field(default=None, description="an identification test: manoeuvres")
     battery: BatterySection | None = None
     cameras: list[CameraSection] = Field(default_factory=list, description="recorded by fly --camera")
     operator: list[RequestSection] = Field(default_factory=list, description="what the operator asks for, and when")

@@ -5,7 +5,7 @@
 import {make, mount} from '/static/canvas.js';
 import {clock, lasting} from '/static/clock.js';
 import {live} from '/static/live.js';
-import {said} from '/static/page.js';
+import {showReply} from '/static/page.js';
 
 const GONE = 1.5; // without a sign of life from who is in control [s]: a page says more often that it is there
 const DOES = {hold: 'it stays where it is', return: 'it comes home', surface: 'it comes up', stop: 'its thrusters go off'};
@@ -57,7 +57,7 @@ class Strip {
     this.element = element;
     this.words = make('span', {class: 'alert-words'});
     this.bar = make('progress', {'aria-label': 'Getting ready', hidden: true});
-    this.take = make('button', {class: 'action alert-take', hidden: true, onclick: () => said(live.send({do: 'take'}))}, 'Take control');
+    this.take = make('button', {class: 'action alert-take', hidden: true, onclick: () => showReply(live.send({do: 'take'}))}, 'Take control');
     this.more = make('button', {class: 'action', 'aria-expanded': 'false', hidden: true, onclick: () => this.#unfold()});
     this.rest = make('div', {class: 'alert-rest', hidden: true});
     this.line = make('div', {class: 'alert-line', role: 'alert', tabindex: 0}, this.words);

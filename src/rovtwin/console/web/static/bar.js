@@ -4,7 +4,7 @@ import {clock} from '/static/clock.js';
 import {showAlerts} from '/static/alerts.js';
 import {live} from '/static/live.js';
 import {ofKind, onMission} from '/static/hud_words.js';
-import {help, pressStop, said, theme} from '/static/page.js';
+import {help, pressStop, showReply, theme} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
@@ -39,10 +39,10 @@ function worst(nis) {
   return [text, level];
 }
 
-/** Of the values that were told; `of` is Math.min or Math.max. NaN where none was. */
+/** Of the values that are known; `of` is Math.min or Math.max. NaN where none was. */
 function most(of, values) {
-  const told = values.filter(Number.isFinite);
-  return told.length ? of(...told) : NaN;
+  const finite = values.filter(Number.isFinite);
+  return finite.length ? of(...finite) : NaN;
 }
 
 mount('stop', button => {
@@ -65,7 +65,7 @@ mount('bar', bar => {
     facts[id] = set;
     bar.append(box);
   }
-  const arm = make('button', {id: 'arm', class: 'action', disabled: true, onclick: () => said(live.send({do: armOrder()}))}, 'Arm');
+  const arm = make('button', {id: 'arm', class: 'action', disabled: true, onclick: () => showReply(live.send({do: armOrder()}))}, 'Arm');
   const control = make('button', {id: 'take', class: 'action', onclick: takeControl}, 'Take control');
   const sun = make('button', {class: 'action', 'aria-label': 'Dark or daylight colours', title: 'Dark or daylight colours',
     onclick: () => theme(!document.body.classList.contains('daylight'))}, '◐');
@@ -98,7 +98,7 @@ function asked(who) {
   question?.box.remove();
   question = null;
   if (who === null) return;
-  const answer = order => said(live.send({do: order}));
+  const answer = order => showReply(live.send({do: order}));
   const box = make('div', {class: 'toast', role: 'alertdialog', 'aria-label': `${who} asks for control`},
     `${who} asks for control `,
     make('button', {class: 'action', onclick: () => answer('give')}, 'Give'),
@@ -107,10 +107,10 @@ function asked(who) {
   question = {who, box};
 }
 
-function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 'take'})); }
+function takeControl() { showReply(live.send({do: live.last.rights?.may ? 'give' : 'take'})); }
 
 function connection(facts) {
-  const old = performance.now() - live.heard > STALE && !live.last.state?.replay; // which may be paused
+  const old = performance.now() - live.receivedAt > STALE && !live.last.state?.replay; // which may be paused
   if (!live.connected) facts.link(live.why || 'no server', 'danger');
   else if (!live.last.state) facts.link('starting', 'warn');
   else if (live.hung) facts.link('autopilot silent', 'danger');
@@ -134,7 +134,7 @@ function show(facts, state, arm) {
   const loud = state.reason === 'operator' ? 'warn' : LOUD[state.phase] || '';  // what you asked for is no alarm
   facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'no data', loud);
   facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
-  const firsts = kind => ofKind(state, kind).map(told => told.value?.[0]);
+  const firsts = kind => ofKind(state, kind).map(reading => reading.value?.[0]);
   const charge = most(Math.min, firsts('battery'));
   facts.battery(Number.isFinite(charge) ? `${Math.round(100 * charge)} %` : 'no data',
     charge < 0.1 ? 'danger' : charge < 0.25 ? 'warn' : '');
@@ -142,7 +142,7 @@ function show(facts, state, arm) {
   facts.leak(leak > 0.5 ? 'LEAK' : Number.isFinite(leak) ? 'dry' : 'no data', leak > 0.5 ? 'danger' : '');
   const [[a, b], [, c]] = state.ellipse ?? [[NaN, NaN], [NaN, NaN]];
   const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
-  const age = most(Math.min, ofKind(state, 'position').map(told => told.age));
+  const age = most(Math.min, ofKind(state, 'position').map(reading => reading.age));
   if (state.trial) facts.position('no data');
   else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
   facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));

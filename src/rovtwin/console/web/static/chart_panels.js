@@ -63,7 +63,7 @@ export function legend() {
   const rows = [
     ['is-track', 'vehicle, its track'],
     ['is-ellipse', 'where it is with 95 %'],
-    ['is-reference', 'where it is wanted'],
+    ['is-reference', 'desired position'],
     ['is-truth', 'where the twin really is'],
     ['is-flown', 'plan being flown'],
     ['is-leg', 'leg being flown'],

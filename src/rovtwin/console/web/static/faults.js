@@ -18,7 +18,7 @@ export function named(text) {
 /** Way-points that a check is of, numbers from 0. */
 export const pointsOf = check => (check.points?.length ? check.points : named(check.what));
 
-/** By number from 0: {level, what} of way-points with a warning or an error, all that is said of each. */
+/** By number from 0: {level, what} of way-points with a warning or an error, all that is known of each. */
 export function faultsOf(checks) {
   const faults = new Map();
   for (const check of (checks ?? []).filter(one => one.level in GRAVE)) {

@@ -8,28 +8,28 @@ const RETRY = 2000; // before a lost picture is asked for again [ms]
 const STARTS = 30; // longest wait for the first picture, whose program is compiled [s]
 const NEXT = 3; // and for the next one [s]
 
-const model = {state: null, setup: null, camera: null, heard: null};
+const model = {state: null, setup: null, camera: null, receivedAt: null};
 let sighted = 0; // when the last live picture came
 let shown = null;
 
 /** What is older than it may be: {what, age} or null. A replay that is paused is not old. */
-export function staleness({state, heard}, now) {
+export function staleness({state, receivedAt}, now) {
   if (!state || state.replay) return null;
-  const age = (now - heard) / 1000;
+  const age = (now - receivedAt) / 1000;
   if (age > OLD) return {what: 'STALE', age};
   return state.link_age > OLD ? {what: 'VEHICLE SILENT', age: state.link_age} : null;
 }
 
 class Hud {
   #retry = 0;
-  #wanted = false;
+  #needed = false;
   #shot = null; // of the recorded pictures the one that was asked for last
   #coming = false;
 
   constructor(element) {
     this.element = element;
-    const heard = {onerror: () => this.#lost(), onload: () => this.#came()};
-    this.picture = make('img', {alt: 'Picture of the vehicle’s camera', hidden: true, ...heard});
+    const handlers = {onerror: () => this.#lost(), onload: () => this.#came()};
+    this.picture = make('img', {alt: 'Picture of the vehicle’s camera', hidden: true, ...handlers});
     this.words = make('p', {class: 'hud-words'});
     this.canvas = make('canvas', {role: 'img', 'aria-label': 'Head-up display'});
     element.replaceChildren(this.picture, this.words, this.canvas);
@@ -48,21 +48,21 @@ class Hud {
   /** Takes pictures where there is a camera and room to show them. */
   watch() {
     const {setup, camera} = model;
-    const there = setup && (setup.replay ? setup.camera : camera?.live); // the camera is told of before the vehicle is
+    const there = setup && (setup.replay ? setup.camera : camera?.live); // the camera is announced before the vehicle is
     const none = setup?.replay ? 'no pictures were recorded with this run' : camera?.why ?? '';
-    const wanted = Boolean(there) && this.element.clientWidth > 0;
+    const needed = Boolean(there) && this.element.clientWidth > 0;
     if (!there) this.words.textContent = none;
-    if (wanted === this.#wanted) return;
-    this.#wanted = wanted;
+    if (needed === this.#needed) return;
+    this.#needed = needed;
     clearTimeout(this.#retry);
-    if (wanted) this.#ask();
+    if (needed) this.#ask();
     else this.#drop();
   }
 
   /** In a replay: the recorded picture of the state that is shown, as soon as the one before has come. */
   turn() {
     const {setup, state} = model;
-    if (!this.#wanted || !setup?.pictures || this.#coming || (state?.shot ?? null) === this.#shot) return;
+    if (!this.#needed || !setup?.pictures || this.#coming || (state?.shot ?? null) === this.#shot) return;
     this.#shot = state?.shot ?? null;
     this.#coming = this.#shot !== null;
     if (this.#coming) this.picture.src = `${setup.pictures}${this.#shot}`;
@@ -95,7 +95,7 @@ class Hud {
   }
 
   #lost() {
-    if (!this.#wanted) return;
+    if (!this.#needed) return;
     if (model.setup?.pictures) {
       this.picture.hidden = true;
       this.words.textContent = 'this picture cannot be read';
@@ -110,7 +110,7 @@ class Hud {
 
   /** A stream that ends, or goes on without pictures, says nothing: the last one would stand there as if it were new. */
   #dry() {
-    const live = this.#wanted && this.picture.hasAttribute('src') && !model.setup?.pictures && model.state?.running;
+    const live = this.#needed && this.picture.hasAttribute('src') && !model.setup?.pictures && model.state?.running;
     return live && !staleness(model, performance.now()) && performance.now() - sighted > 1000 * NEXT;
   }
 
@@ -123,7 +123,7 @@ class Hud {
   release() {
     clearInterval(this.clock);
     clearTimeout(this.#retry);
-    this.#wanted = false;
+    this.#needed = false;
     this.#drop();
     this.observer.disconnect();
     this.surface.release();
@@ -140,8 +140,8 @@ mount('hud', element => {
 });
 
 live.on('state', state => {
-  Object.assign(model, {state, heard: performance.now()});
-  if (!state.running) sighted = model.heard; // time stands still, and so does the picture
+  Object.assign(model, {state, receivedAt: performance.now()});
+  if (!state.running) sighted = model.receivedAt; // time stands still, and so does the picture
   shown?.turn();
   shown?.surface.redraw();
 });

@@ -5,10 +5,10 @@ import {lasting} from '/static/clock.js';
 const OFF_MISSION = new Set(['idle', 'piloted']);
 const GRAVE = new Set(['aborted', 'held', 'returning', 'returned', 'surfacing', 'surfaced']);
 
-/** What the sensors of a kind last told, [{age, value}]: of `leak`, `leak_2` and so on. */
+/** The newest readings of the sensors of a kind, [{age, value}]: of `leak`, `leak_2` and so on. */
 export function ofKind(state, kind) {
   const named = name => name.replace(/_[2-9]\d*$|_1\d+$/, '') === kind;
-  return Object.entries(state.sensors ?? {}).filter(([name]) => named(name)).map(([, told]) => told);
+  return Object.entries(state.sensors ?? {}).filter(([name]) => named(name)).map(([, reading]) => reading);
 }
 
 /** Height over the ground of the altimeter: {text, old} where a vehicle has one, else null; `old` says since when. */

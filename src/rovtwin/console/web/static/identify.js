@@ -3,7 +3,7 @@ import {make, mount} from '/static/canvas.js';
 import {lasting} from '/static/clock.js';
 import {estimateOf} from '/static/identify_estimate.js';
 import {live} from '/static/live.js';
-import {said} from '/static/page.js';
+import {showReply} from '/static/page.js';
 
 const VERDICTS = {
   early: ['muted', 'too short to judge: 10 s are needed'], good: ['ok', 'nothing wrong so far'],
@@ -11,7 +11,7 @@ const VERDICTS = {
 };
 
 function button(text, label, what, id) {
-  return make('button', {class: 'action wide', id, 'aria-label': label, onclick: () => said(live.send({do: what}))}, text);
+  return make('button', {class: 'action wide', id, 'aria-label': label, onclick: () => showReply(live.send({do: what}))}, text);
 }
 
 /** The manoeuvres, each with a bar that fills. */

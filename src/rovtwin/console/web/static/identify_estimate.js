@@ -54,7 +54,7 @@ export function estimateOf() {
     }
   }}, 'Copy');
   const full = make('div', {class: 'identify-full', hidden: true},
-    make('p', {class: 'muted'}, 'The full estimate, with all that is to be said of it, takes minutes:'), command, copy);
+    make('p', {class: 'muted'}, 'The full estimate, with all its remarks, takes minutes:'), command, copy);
   const element = make('div', {},
     make('h2', {}, 'Estimate so far'), make('p', {class: 'identify-note'}, NOTE), words,
     make('div', {class: 'line'}, make('label', {}, all, ' also what the test does not tell'), make('label', {}, couplings, ' couplings')),
@@ -80,7 +80,7 @@ export function estimateOf() {
       words.textContent = found.seconds === undefined ? 'Comes while the test is logged.' : 'Being made; the first of a test takes up to a minute.';
     } else {
       rows = found.estimate.rows;
-      words.textContent = `From ${found.estimate.seconds?.toFixed(0) ?? found.seconds.toFixed(0)} s of log: ${found.estimate.told} of `
+      words.textContent = `From ${found.estimate.seconds?.toFixed(0) ?? found.seconds.toFixed(0)} s of log: ${found.estimate.informed} of `
         + `${rows.length} parameters are known better than before. Made in ${found.estimate.took.toFixed(0)} s, in the background.`;
     }
     table.hidden = !rows.length;

@@ -19,7 +19,7 @@ export const live = {
   last: {},
   events: [],  // all of them, for who comes late
   name,
-  heard: -Infinity,  // when the last state came [performance.now]
+  receivedAt: -Infinity,  // when the last state came [performance.now]
   connected: false,
   why: '',  // the server closed the connection, in its words
   hung: false,
@@ -75,7 +75,7 @@ function take(message) {
     live.last.history = message;
   } else {
     if (message.kind === 'state') {
-      live.heard = performance.now();
+      live.receivedAt = performance.now();
       const sight = live.last.sight;
       if (sight) Object.assign(message, {markers: sight.markers, picture: sight.picture});
     }
@@ -115,11 +115,11 @@ export function stop() {
   const late = new Promise((_, reject) => {
     setTimeout(() => reject(new Error('the console does not answer')), STOPPING);
   });
-  const heard = Promise.any([live.send({do: 'stop'}), path]).catch(error => { throw error.errors[0]; });
-  return Promise.race([heard, late]);
+  const confirmed = Promise.any([live.send({do: 'stop'}), path]).catch(error => { throw error.errors[0]; });
+  return Promise.race([confirmed, late]);
 }
 
-// A page that shows something else than the flight, a replay, says where that is told; one that shows nothing, nowhere.
+// A page that shows something else than the flight, a replay, names its source; one that shows nothing has none.
 const path = document.querySelector('meta[name=rovtwin-live]')?.content ?? '/live';
 setInterval(() => live.tell({do: 'alive'}), ALIVE);
 if (path) connect();

@@ -17,10 +17,10 @@ export function pressStop() {
 }
 
 /** Runs an order's promise and says why it was refused. */
-export async function said(promise) {
+export async function showReply(promise) {
   try {
     const answer = await promise;
-    if (answer.said) toast(answer.said);
+    if (answer.message) toast(answer.message);
     return true;
   } catch (error) {
     toast(error.message, 'danger');
@@ -100,7 +100,7 @@ function planKey(event) {
   const op = key === 'y' || (key === 'z' && event.shiftKey) ? 'redo' : key === 'z' ? 'undo' : null;
   const allowed = live.last.rights?.may && live.last.plan?.[op] && document.getElementById('plan');
   if (!(event.ctrlKey || event.metaKey) || event.altKey || !op || typing(event.target)) return false;
-  if (allowed) said(live.send({do: 'plan', op}));
+  if (allowed) showReply(live.send({do: 'plan', op}));
   return true;
 }
 

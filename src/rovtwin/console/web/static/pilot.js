@@ -1,9 +1,9 @@
 /** Manual piloting: keys, gamepad and touch sticks give velocities; what is not asked for (depth, heading) is held. */
 import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
-import {said} from '/static/page.js';
+import {showReply} from '/static/page.js';
 
-const EVERY = 50;  // between two wishes [ms]
+const EVERY = 50;  // between two commands [ms]
 const SETTLED = 1000;  // until the autopilot tells that it is piloted [ms]
 const DEAD = 0.12;  // of a gamepad's stick that counts as released
 const KEYS = {
@@ -18,8 +18,8 @@ let gain = 0.5;
 
 const clip = value => Math.max(-1, Math.min(1, value));
 
-/** What is wished now, of keys, sticks on the screen and gamepad together. */
-function wish() {
+/** The command of keys, sticks on the screen and gamepad together. */
+function command() {
   const found = {...touch};
   for (const code of down) found[KEYS[code][0]] += KEYS[code][1];
   const pad = [...(navigator.getGamepads?.() || [])].find(one => one?.connected);
@@ -72,7 +72,7 @@ mount('pilot', section => {
     toggle.setAttribute('aria-pressed', on);
   };
   toggle.addEventListener('click', async () => {
-    if (on) { set(false); said(live.send({do: 'hold'})); } else if (await said(live.send({do: 'pilot', begin: true}))) set(true);
+    if (on) { set(false); showReply(live.send({do: 'hold'})); } else if (await showReply(live.send({do: 'pilot', begin: true}))) set(true);
   });
   section.append(toggle, make('div', {class: 'sticks'},
     stick('Ahead, sideways', 'sway', 'surge', -1), stick('Turn, up and down', 'yaw', 'heave', 1)),
@@ -81,7 +81,7 @@ mount('pilot', section => {
     + 'sideways, right stick turn and depth. Released, depth and heading are held. Esc is STOP.'));
   const timer = setInterval(() => {
     if (!on) return;
-    const asked = wish();
+    const asked = command();
     live.tell({do: 'pilot', ...asked});
     shown.textContent = AXES.map(name => `${name} ${(100 * asked[name]).toFixed(0)} %`).join(', ');
   }, EVERY);

@@ -3,7 +3,7 @@ import {make, mount} from '/static/canvas.js';
 import {lasting} from '/static/clock.js';
 import {faultsOf, pointsOf} from '/static/faults.js';
 import {live} from '/static/live.js';
-import {said, toast} from '/static/page.js';
+import {showReply, toast} from '/static/page.js';
 
 const COLUMNS = [
   ['x', 'North [m]', 0.1], ['y', 'East [m]', 0.1], ['depth', 'Depth [m]', 0.1], ['speed', 'Speed [m/s]', 0.05],
@@ -15,7 +15,7 @@ const NOT_PAUSED = 'No mission is paused';
 const STALE = 'The plan was changed since it was submitted: Submit it, or Undo';
 const BLANK = new Set(['heading_deg']);
 const AT_ONCE = 30; // rows that have their fields from the beginning
-const plan = order => said(live.send({do: 'plan', ...order}));
+const plan = order => showReply(live.send({do: 'plan', ...order}));
 const rounded = value => (Number.isFinite(value) ? Number(value.toFixed(2)) : '');
 
 function button(text, label, onclick, id) {
@@ -139,7 +139,7 @@ function summary(message) {
 /** What the checks say: a fault is a button that leads to its row. */
 function checked(message, rows) {
   if (!message.draft.length) return [make('li', {class: 'note'}, 'Nothing to check: the plan is empty.')];
-  if (live.last.state && !live.last.state.eta) return [make('li', {class: 'note'}, 'Not checked yet: no vehicle is heard.')];
+  if (live.last.state && !live.last.state.eta) return [make('li', {class: 'note'}, 'Not checked yet: no vehicle is connected.')];
   const wrong = message.checks.some(one => one.level === 'error'); // then nothing is right beside it
   return message.checks.filter(one => !wrong || !['ok', 'note'].includes(one.level)).map(one => {
     const [first] = pointsOf(one);
@@ -179,7 +179,7 @@ mount('plan', section => {
   const say = make('p', {class: 'muted', id: 'plan-summary', role: 'status'});
   const checks = make('ul', {class: 'checks', 'aria-label': 'Checks of the plan'});
   const submit = button('Submit', 'Submit the plan to the autopilot', () => plan({op: 'submit'}), 'submit');
-  const order = (text, label, what, id) => button(text, label, () => said(live.send({do: what})), id);
+  const order = (text, label, what, id) => button(text, label, () => showReply(live.send({do: what})), id);
   const start = order('Start', STARTS, 'start', 'start');
   const pause = order('Pause', 'Pause the mission and stay', 'pause', 'pause');
   const resume = order('Resume', RESUMES, 'resume', 'resume');

@@ -91,8 +91,8 @@ class View {
   }
 
   #filter() {
-    const wanted = this.find.value.trim().toLowerCase();
-    for (const label of this.list.querySelectorAll('label')) label.hidden = !label.textContent.toLowerCase().includes(wanted);
+    const query = this.find.value.trim().toLowerCase();
+    for (const label of this.list.querySelectorAll('label')) label.hidden = !label.textContent.toLowerCase().includes(query);
     for (const group of this.list.children) group.hidden = ![...group.querySelectorAll('label')].some(label => !label.hidden);
   }
 

@@ -14,7 +14,7 @@ const wrapped = a => Math.atan2(Math.sin(a), Math.cos(a));
 const shown = (i, value) => (i < 3 ? value : i === 5 ? (wrapped(value) * DEGREES + 360) % 360 : wrapped(value) * DEGREES);
 
 /** Rate of the reference as velocity in b: R_nb^T for the first three, T^-1 for the rest. */
-function wanted(s, i) {
+function desired(s, i) {
   const [phi, theta, psi] = s.eta.slice(3);
   const [[x, y, z], [dphi, dtheta, dpsi]] = [s.reference_rate.slice(0, 3), s.reference_rate.slice(3)];
   const [sf, cf, st, ct, sp, cp] = [phi, theta, psi].flatMap(a => [Math.sin(a), Math.cos(a)]);
@@ -44,7 +44,7 @@ function fixed() {
     return {value, low: value - half, high: value + half, reference: s.reference && shown(i, s.reference[i]), truth: s.truth && shown(i, s.truth[i])};
   }, {turns: i === 5 ? 360 : 0, down: i === 2}));
   SPEEDS.forEach((name, i) => add('uvwpqr'[i], 'Velocity', name, i < 3 ? 'm/s' : '°/s',
-    s => ({value: scale(i) * (s.nu?.[i] ?? NaN), reference: s.reference_rate && scale(i) * wanted(s, i)})));
+    s => ({value: scale(i) * (s.nu?.[i] ?? NaN), reference: s.reference_rate && scale(i) * desired(s, i)})));
   add('error', 'Errors', 'Distance from reference', 'm', s => ({value: s.reference && Math.hypot(...[0, 1, 2].map(i => s.eta[i] - s.reference[i]))}));
   AXES.forEach((axis, i) => add(`error_${axis}`, 'Errors', `${POSE[i]} less reference`, unit(i),
     s => ({value: s.reference && scale(i) * less(i, s.eta, s.reference)})));

@@ -114,8 +114,8 @@ function axes(context, {x, y, w, h, low, high, span, channel}) {
   context.textBaseline = 'middle';
   for (const v of values.found) {
     rule(context, LEFT, y(v), LEFT + w, y(v));
-    const said = channel.turns ? (v % channel.turns + channel.turns) % channel.turns : v;
-    context.fillText(said.toFixed(shown), LEFT - 6, y(v));
+    const label = channel.turns ? (v % channel.turns + channel.turns) % channel.turns : v;
+    context.fillText(label.toFixed(shown), LEFT - 6, y(v));
   }
   const step = [5, 10, 15, 30, 60, 120, 300].find(s => (span.to - span.from) / s <= Math.max(w / 70, 1)) ?? 600;
   context.textAlign = 'center';

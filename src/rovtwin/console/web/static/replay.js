@@ -8,24 +8,24 @@ const STEP = 1; // of an arrow key [s]
 const LEAP = 10; // of an arrow key with shift [s]
 const NEAR = 0.05; // a mark that is no farther away than this is where we are [s]
 
-let wanted = null; // time that was asked for last and is not on its way yet [s]
+let target = null; // time that was asked for last and is not on its way yet [s]
 let asking = false;
 
 const clock = t => `${Math.floor(t / 60)}:${(t % 60).toFixed(1).padStart(4, '0')}`;
 const order = message => live.send(message).catch(error => toast(error.message, 'danger'));
 const range = () => live.last.setup?.range ?? [0, 0];
-const now = () => wanted ?? live.last.state?.t ?? range()[0];
+const now = () => target ?? live.last.state?.t ?? range()[0];
 
-/** Goes to a time; while one is on its way only the newest wish counts. */
+/** Goes to a time; while one is on its way only the newest target counts. */
 async function seek(t) {
   const [start, end] = range();
-  wanted = Math.min(Math.max(t, start), end);
+  target = Math.min(Math.max(t, start), end);
   if (asking) return;
   asking = true;
-  while (wanted !== null) {
-    const to = wanted;
+  while (target !== null) {
+    const to = target;
     await order({do: 'seek', t: to});
-    if (wanted === to) wanted = null;
+    if (target === to) target = null;
   }
   asking = false;
 }
@@ -46,10 +46,10 @@ function tools() {
   pace.value = '1';
   pace.addEventListener('change', () => { order({do: 'play', speed: Number(pace.value)}); pace.blur(); });
   const run = button('Play', 'Play or pause (space)', play, 'play');
-  const said = make('output', {id: 'replay-time', 'aria-label': 'Time in the run'});
-  return {run, pace, said, all: [
+  const timeLabel = make('output', {id: 'replay-time', 'aria-label': 'Time in the run'});
+  return {run, pace, timeLabel, all: [
     button('|◂', 'To what happened before', () => hop(-1), 'hop-back'), button('◂', 'One sample back (comma)', () => sample(-1), 'step-back'), run,
-    button('▸', 'One sample on (full stop)', () => sample(1), 'step-on'), button('▸|', 'To what happened next', () => hop(1), 'hop-on'), pace, said,
+    button('▸', 'One sample on (full stop)', () => sample(1), 'step-on'), button('▸|', 'To what happened next', () => hop(1), 'hop-on'), pace, timeLabel,
   ]};
 }
 
@@ -60,7 +60,7 @@ function marked(mark, [start, end]) {
 }
 
 mount('timeline', element => {
-  const {run, pace, said, all} = tools();
+  const {run, pace, timeLabel, all} = tools();
   const slider = make('input', {type: 'range', id: 'scrub', step: 'any', min: 0, max: 1, value: 0, 'aria-label': 'Time in the run'});
   const marks = make('div', {class: 'marks', role: 'group', 'aria-label': 'What happened'});
   slider.addEventListener('input', () => seek(Number(slider.value)));
@@ -69,9 +69,9 @@ mount('timeline', element => {
     live.on('setup', ({range: [start, end]}) => Object.assign(slider, {min: start, max: end})),
     live.on('marks', message => marks.replaceChildren(...message.marks.map(mark => marked(mark, range())))),
     live.on('state', state => {
-      if (wanted === null) slider.value = state.t;
+      if (target === null) slider.value = state.t;
       slider.setAttribute('aria-valuetext', clock(state.t));
-      said.textContent = `${clock(state.t)} of ${clock(range()[1])}`;
+      timeLabel.textContent = `${clock(state.t)} of ${clock(range()[1])}`;
       run.textContent = state.running ? 'Pause' : 'Play';
       if (document.activeElement !== pace) pace.value = String(state.speed);
     }),

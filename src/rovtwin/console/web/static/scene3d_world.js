@@ -256,9 +256,9 @@ export class World {
 
   /** What is worth reading about it. */
   get words() {
-    const said = [`Grid ${this.cell} m`, this.known ? `floor ${this.floor.toFixed(1)} m` : `grid at ${this.floor} m, floor unknown`];
-    if (this.half) said.push(`95 % within ±${this.half.map(a => a.toFixed(2)).join(' × ±')} m`);
-    return said.join(' · ');
+    const parts = [`Grid ${this.cell} m`, this.known ? `floor ${this.floor.toFixed(1)} m` : `grid at ${this.floor} m, floor unknown`];
+    if (this.half) parts.push(`95 % within ±${this.half.map(a => a.toFixed(2)).join(' × ±')} m`);
+    return parts.join(' · ');
   }
 }
 

@@ -1,4 +1,4 @@
-/** Thrusters as bars: what each is told within -1..1, what it still can do, who is at a limit and who is lost. */
+/** Thrusters as bars: the command of each within -1..1, what it still can do, who is at a limit and who is lost. */
 import {live} from '/static/live.js';
 import {make, mount} from '/static/canvas.js';
 
@@ -80,7 +80,7 @@ class Bars {
     const ends = ['\u22121', '0', '+1'].map(text => make('span', {}, text));
     const scale = make('div', {class: 'thruster-scale', 'aria-hidden': 'true'}, ...ends);
     const rows = this.#rows.map(row => row.element);
-    this.element.replaceChildren(...(rows.length ? [...rows, scale] : [make('p', {}, 'No thrusters heard of yet.')]));
+    this.element.replaceChildren(...(rows.length ? [...rows, scale] : [make('p', {}, 'No thrusters known yet.')]));
   }
 
   release() {

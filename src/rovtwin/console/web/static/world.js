@@ -1,17 +1,17 @@
 /** The simulated world: its time, and what breaks in it. Nothing of it is shown with a real vehicle. */
 import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
-import {said} from '/static/page.js';
+import {showReply} from '/static/page.js';
 
-const inject = what => said(live.send({do: 'inject', ...what}));
+const inject = what => showReply(live.send({do: 'inject', ...what}));
 const SPEEDS = [0.5, 1, 2, 5, 10];
 
 function time() {
   const run = make('button', {class: 'action', id: 'running'}, 'Pause time');
-  run.addEventListener('click', () => said(live.send({do: 'pace', running: !live.last.state.running})));
+  run.addEventListener('click', () => showReply(live.send({do: 'pace', running: !live.last.state.running})));
   const speed = make('select', {'aria-label': 'Speed of simulated time', id: 'speed'},
     ...SPEEDS.map(value => make('option', {value}, `×${value}`)));
-  speed.addEventListener('change', () => said(live.send({do: 'pace', speed: Number(speed.value)})));
+  speed.addEventListener('change', () => showReply(live.send({do: 'pace', speed: Number(speed.value)})));
   live.on('state', state => {
     run.textContent = state.running ? 'Pause time' : 'Run time';
     if (document.activeElement !== speed) speed.value = String(state.speed);

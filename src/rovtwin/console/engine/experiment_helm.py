@@ -12,7 +12,7 @@ from rovtwin.runs.compose.composition import Simulation
 from rovtwin.scenario.schema import Scenario
 
 
-class TrialHelm(Steering):
+class ExperimentHelm(Steering):
     """An Experiment that ticks for ever.
 
     A test cannot be held and gone on with, it would be another one: what ends it switches the thrusters off, and a
@@ -37,4 +37,4 @@ class TrialHelm(Steering):
 
     def _renewed(self, start: Start) -> Any:
         fresh = self._fresh(start)
-        return eqx.tree_at(lambda m: m.believed, fresh, self._host.memory.believed)
+        return eqx.tree_at(lambda m: m.estimate, fresh, self._host.memory.estimate)

@@ -100,7 +100,7 @@ Manoeuvre = Annotated[
 ]
 
 
-class TrialSection(Strict):
+class ExperimentSection(Strict):
     """Manoeuvres, one after the other. Commands are shares of the full command: the thrust curve is to be found."""
 
     name: str = "test"
@@ -114,7 +114,7 @@ class TrialSection(Strict):
     notes: list[str] = Field(default=[], description="what was changed for the vehicle that flies it")
 
     @model_validator(mode="after")
-    def _hands_where_needed(self) -> "TrialSection":
+    def _hands_where_needed(self) -> "ExperimentSection":
         for i, one in enumerate(self.manoeuvres):
             if i and isinstance(one, ReleaseSection) and one.by_hand < 1.0:
                 raise ValueError(

@@ -1,4 +1,4 @@
-"""Wish: what a client wants of a vehicle's own controller, whatever protocol it came by."""
+"""PilotCommand: what a client asks of a vehicle's own controller, whatever protocol it came by."""
 
 import math
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What one drone shall do until the next wish.
+class PilotCommand:
+    """What one drone shall do until the next command.
 
     Attributes:
         drone: Its name, one of `Station.drones`.
@@ -32,7 +32,7 @@ class Wish:
     lights: float = 0.0
 
     def __post_init__(self) -> None:
-        # What is no number is no wish: a client's mistake must not move a vehicle.
+        # What is no number commands nothing: a client's mistake must not move a vehicle.
         clean = tuple(min(1.0, max(-1.0, float(m))) if math.isfinite(m) else 0.0 for m in self.motion)
         object.__setattr__(self, "motion", clean)
         object.__setattr__(self, "lights", min(1.0, max(0.0, self.lights)) if math.isfinite(self.lights) else 0.0)
