@@ -9,7 +9,7 @@ DEAD = {"position": {"age": 40.0, "value": [0, 0]}}
 
 
 @pytest.mark.parametrize(
-    "sensors, said",
+    "sensors, message",
     [
         (DEAD, ["no position for 40 s"]),
         (DEAD | {"position_2": {"age": 0.5, "value": [0, 0]}}, []),

@@ -249,7 +249,7 @@ def test_a_closed_tab_in_control_sets_off_the_operator_watchdog(page, browser, s
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [
         ("{[", "the file"),
         ("waypoints: [{position: [1, 2]}]", "position"),

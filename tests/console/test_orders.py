@@ -43,7 +43,7 @@ def test_any_message_is_an_order_within_its_bounds_or_is_refused(message):
 
 
 @pytest.mark.parametrize(
-    "message, said",
+    "message, expected_text",
     [
         ({"do": "pilot", "surge": 1.1}, "pilot.surge"),
         ({"do": "pilot", "surge": True}, "pilot.surge"),
