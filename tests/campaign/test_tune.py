@@ -188,7 +188,7 @@ def test_what_is_refused(call, message):
         ({"scenario": load_scenario("test_steps_thesis")}, "is a test, not a mission"),
     ],
 )
-def test_a_wish_that_cannot_be_granted_is_refused_before_anything_is_compiled(scenario, change, message):
+def test_a_request_that_cannot_be_met_is_refused_before_anything_is_compiled(scenario, change, message):
     given = {"scenario": scenario, "tunables": chosen(), "seas": ("calm",), "weights": weights_of([])} | change
     with pytest.raises(ConfigError, match=message):
         tune(TuningRequest(**given))
@@ -261,7 +261,7 @@ def test_fleets_share_no_plant_and_no_noise_and_are_drawn_again_alike(scenario):
     assert "was not identified" in plants.description
 
 
-def test_a_short_mission_that_does_not_fit_is_said_to_be_one():
+def test_a_short_mission_that_does_not_fit_is_reported_to_be_one():
     shallow = load_scenario("lawnmower_calm", ["autopilot=model_based", "autopilot.supervisor.depth_limit=1.2",
                                                "mission={waypoints: [{position: [1, 0, 0.6]}]}"])  # fmt: skip
     with pytest.raises(ConfigError, match="short mission of the search .or give --own-mission.*where the supervisor"):
@@ -347,7 +347,7 @@ def test_file_beside_a_scenario_is_found(scenario, tmp_path):
     assert load_scenario(tmp_path / "mine.yaml").autopilot.control.damping_ratio == 1.3
 
 
-def test_what_is_no_better_is_said_to_be(scenario):
+def test_what_is_no_better_is_reported_to_be(scenario):
     section = start_of(scenario)
     text = as_data(made(scenario, section, -0.5))
     assert not text["better"] and "hand-tuned values stay" in text["verdict"]

@@ -112,7 +112,7 @@ def test_ballast_that_cannot_be_is_not_called_needless(capsys, monkeypatch):
     assert "ballast: none found." in out and "it needs none" not in out
 
 
-def test_a_vehicle_without_drag_is_said_to_have_no_bound(capsys, tmp_path):
+def test_a_vehicle_without_drag_is_reported_to_have_no_bound(capsys, tmp_path):
     """Its speed was inf, its power nan, and the reason for "-" was not given."""
     bare = tmp_path / "bare.yaml"
     thruster = "{name: t, direction: [1, 0, 0], force: 9}"
@@ -138,7 +138,7 @@ def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
 
 
 @pytest.mark.slow
-def test_an_empty_battery_is_said_before_the_flight(capsys, tmp_path):
+def test_an_empty_battery_is_reported_before_the_flight(capsys, tmp_path):
     flat = ("--set", "battery={charge: 0}")
     code, out, _ = run(capsys, "scenario", "check", "lawnmower_calm", *flat)
     assert code == 0 and "battery empty from the start (all): its thrusters do nothing" in out

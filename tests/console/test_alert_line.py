@@ -42,7 +42,7 @@ def test_the_gravest_stands_there_and_the_others_when_asked_for(line):
     assert page.get_by_text("no position").is_visible()
 
 
-def test_what_is_compiled_is_said_with_its_number_and_seconds(line):
+def test_what_is_compiled_is_reported_with_its_number_and_seconds(line):
     """First starts took minutes behind one word."""
     page = line({"stage": "connecting", "eta": None, "making": MAKING, "armed": False})
     text = page.locator("#alerts").inner_text()
@@ -66,6 +66,6 @@ def test_nothing_is_counted_where_nothing_will_happen(line, state):
     assert not line(state, ALONE).get_by_role("timer").is_visible()
 
 
-def test_without_a_rule_it_is_said_that_it_goes_on(line):
+def test_without_a_rule_it_is_reported_that_it_goes_on(line):
     rule = {"operator_silent": {"limit": 60.0, "action": "ignore"}}
     assert line({"operator_age": 9.0}, rule).get_by_role("timer").inner_text() == "Nobody is in control: it goes on."

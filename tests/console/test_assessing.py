@@ -110,7 +110,7 @@ def test_process_that_dies_at_the_whole_log_is_started_anew_but_not_for_ever(loo
     assert "ended, or was killed" in looking.news[-1]["error"] and not looking.news[-1]["busy"]
 
 
-def test_process_that_cannot_be_started_is_said(looking, monkeypatch):
+def test_process_that_cannot_be_started_is_reported(looking, monkeypatch):
     def none_left(tested):
         raise OSError(11, "Resource temporarily unavailable")
 

@@ -170,7 +170,7 @@ def test_process_gives_pictures_and_says_why_there_are_no_more(vehicle):
         assert camera.why == "engine: found nothing, expected poses"
 
 
-def test_process_that_is_killed_is_told_of(vehicle):
+def test_process_that_is_killed_is_reported(vehicle):
     section = section_of(load_scenario("lawnmower_calm"), vehicle, "pool")
     with PictureProcess(Drawn(section, vehicle, Gone(5))) as camera:
         os.kill(camera.pid, signal.SIGKILL)

@@ -89,7 +89,7 @@ def test_who_comes_while_a_process_ends_gets_pictures_of_the_next(reported):
     assert len(FakeProcess.made) == 2
 
 
-def test_camera_that_fails_is_said_once_and_tried_again_ever_more_seldom(reported):
+def test_camera_that_fails_is_reported_once_and_tried_again_ever_more_seldom(reported):
     async def work():
         one = stream(reported, "no light")
         begun = time.monotonic()
@@ -106,7 +106,7 @@ def test_camera_that_fails_is_said_once_and_tried_again_ever_more_seldom(reporte
     assert [one["why"] for one in reported["kept"]] == ["", "no light"] and reported["sights"] == []
 
 
-def test_process_that_cannot_be_started_is_said(reported, monkeypatch):
+def test_process_that_cannot_be_started_is_reported(reported, monkeypatch):
     def none_left(feed):
         raise OSError(11, "Resource temporarily unavailable")
 

@@ -23,7 +23,7 @@ def found_in(scenario, has_terrain=False):
     return faults(scenario, scenario, model, has_terrain=has_terrain, known_world=True)
 
 
-def test_every_fault_is_told_with_its_way_point():
+def test_every_fault_is_reported_with_its_way_point():
     found = found_in(planned((0, 0, 2), (30, 0, 2), (4, 4, 2), (2, 2, 120), (0, 20, 2)))
     assert [(one.points, one.what.split(":")[0]) for one in found] == [
         ([3], "way-point 4"), ([1], "way-point 2"), ([4], "way-point 5")
@@ -34,7 +34,7 @@ def test_every_fault_is_told_with_its_way_point():
     assert len(str(refused.value).splitlines()) == 3
 
 
-def test_walls_are_told_by_the_number_that_people_see():
+def test_walls_are_named_by_the_number_that_people_see():
     """`mission.waypoints[1]` is way-point 2."""
     tank = "world.tank={north: [-3, 8], east: [-3, 8]}"
     found = found_in(planned((0, 0, 2), (20, 0, 2), (0, 20, 2), changes=(tank,)))

@@ -93,7 +93,7 @@ def patient(monkeypatch):
     monkeypatch.setattr(module, "CONFIRMED", 5.0)
 
 
-def test_stop_is_confirmed_by_the_host_and_told_to_the_engine(tmp_path):
+def test_stop_is_confirmed_by_the_host_and_sent_to_the_engine(tmp_path):
     ear, thread, received = host(tmp_path)
 
     async def test(client, engine):
@@ -105,7 +105,7 @@ def test_stop_is_confirmed_by_the_host_and_told_to_the_engine(tmp_path):
         thread.join(2.0)
 
 
-def test_stop_that_nobody_confirms_is_said(tmp_path, monkeypatch):
+def test_stop_that_nobody_confirms_is_reported(tmp_path, monkeypatch):
     """A host that hangs: what is in its socket will stop it, but nobody may believe that thrusters are off."""
 
     async def test(client, engine):
@@ -147,7 +147,7 @@ def test_stop_without_a_host_is_no_error(tmp_path, left_over):
     with_client(tmp_path, test)
 
 
-def test_an_answer_is_heard_though_another_order_is_sent_as_it_comes(tmp_path):
+def test_an_answer_is_received_though_another_order_is_sent_as_it_comes(tmp_path):
     """The socket tells of an answer once; to send before that is read must not swallow it."""
 
     async def test(client, engine):

@@ -278,7 +278,7 @@ def test_a_mission_beyond_the_fence_is_refused(page):
     assert order(page, "plan", op="undo") == ""
 
 
-def test_a_lawn_mower_stays_inside_of_its_area_where_that_is_wanted(page):
+def test_a_lawn_mower_stays_inside_of_its_area_where_that_is_required(page):
     area = [[0, 0], [8, 0], [8, 8], [0, 8]]
     drawn = {"op": "template", "name": "lawnmower", "area": area, "spacing": 2, "depth": 3, "speed": 0.2}
     reach = "() => Math.max(...rovtwin.last.plan.draft.flatMap(({x, y}) => [-x, x - 8, -y, y - 8]))"
@@ -301,7 +301,7 @@ def test_export_and_import_give_the_same_plan(page, tmp_path):
     assert page.evaluate("rovtwin.last.plan.draft") == before
 
 
-def test_a_vanished_vehicle_is_said_and_found_again(page, served):
+def test_a_vanished_vehicle_is_reported_and_found_again(page, served):
     arm(page)
     hosts = subprocess.run(["pgrep", "-P", str(running(served.place).pid)], capture_output=True, text=True).stdout
     for pid in hosts.split():

@@ -190,7 +190,7 @@ def events_with(engine, text):
     return [level for level, found in engine._publisher.events if text in found]
 
 
-def test_a_mistake_of_ours_ends_thrust_and_is_said_and_the_loop_goes_on(engine):
+def test_a_mistake_of_ours_ends_thrust_and_is_reported_and_the_loop_goes_on(engine):
     armed(engine).vessel.helm.breaks = TypeError("a mistake of ours")
     link, begin = engine.vessel.link, engine._builder.begin
     sent = link.sent
@@ -235,7 +235,7 @@ def test_what_has_changed_of_the_vehicle_is_an_event_an_alert_and_a_message(engi
     assert engine._publisher.states[-1] == {"kind": "watch", "armed": True}
 
 
-def test_events_are_told_with_the_time_of_the_tick(engine):
+def test_events_are_reported_with_the_time_of_the_tick(engine):
     times = []
     engine._publisher.event = lambda level, text, t: times.append(t)
     for _ in range(3):
@@ -348,7 +348,7 @@ def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
     assert closed == ["link", "source"]
 
 
-def test_way_points_on_the_map_are_told_in_metres():
+def test_way_points_on_the_map_are_reported_in_metres():
     """A console that took them for (0, 0, 0) would fly there once they are submitted."""
     datum = Datum(63.4, 10.4)
     reported = plan_message([Waypoint(geodetic=[63.401, 10.4, 3.0]), Waypoint(position=[1.0, 2.0, 3.0])], True, datum)
@@ -472,7 +472,7 @@ def test_the_console_does_not_begin_with_a_mission_that_cannot_be_flown():
     _require_flyable(scenario, "blueye://192.168.1.101,192.168.1.102")
 
 
-def test_what_is_made_ready_is_told_step_by_step(monkeypatch, tmp_path):
+def test_what_is_made_ready_is_reported_step_by_step(monkeypatch, tmp_path):
     """First starts stood at one word for minutes: each step is told with its number and how long it takes so far."""
     notes, steps = [], []
 

@@ -365,7 +365,7 @@ def test_the_most_silent_page_gives_way_to_a_new_one(full):
     assert closed == [None, sockets.LATER, None, None] and ended == [False, True, False, False]
 
 
-def test_nobody_in_control_is_said(desk):
+def test_nobody_in_control_is_reported(desk):
     one, other = desk.come("b1"), desk.come("b2")
     desk.leave(one)
     assert any("left, who was in control" in message.get("text", "") for message in messages_of(other))

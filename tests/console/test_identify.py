@@ -57,7 +57,7 @@ def test_start_and_abort_are_offered_when_they_can_be_obeyed(panel):
     assert panel.is_disabled("#start")
 
 
-def test_quality_and_estimate_are_shown_and_said_to_be_quick(panel):
+def test_quality_and_estimate_are_shown_and_labelled_quick(panel):
     send(panel, **NEWS, final=False, quality=QUALITY)
     reported = panel.inner_text("#quality")
     assert (

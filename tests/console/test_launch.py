@@ -169,7 +169,7 @@ def test_a_place_that_others_laid_out_is_refused(tmp, kind):
         Place.of(8800)
 
 
-def test_a_place_too_deep_for_sockets_is_said(monkeypatch):
+def test_a_place_too_deep_for_sockets_is_reported(monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", "/tmp/" + "x" * LONGEST)
     with pytest.raises(ConfigError, match="TMPDIR"):
         Place.of(8800)

@@ -134,7 +134,7 @@ def test_a_square_comes_back_to_its_corner():
 
 
 @pytest.mark.parametrize("inside", [True, False])
-def test_a_lawn_mower_stays_inside_where_that_is_wanted(inside):
+def test_a_lawn_mower_stays_inside_where_that_is_required(inside):
     pytest.importorskip("shapely", reason="needs shapely: pip install 'rovtwin[survey]'")
     from rovtwin.console.web.drafting import _lawnmower
 

@@ -32,7 +32,7 @@ def rows(open_views):
     return shown
 
 
-def test_full_weak_and_lost_thrusters_are_told_apart(rows):
+def test_full_weak_and_lost_thrusters_are_distinguished(rows):
     page, found = rows(messages.setup(), messages.state())
     assert found == [
         ["", "port surge", "+0.50", ""],

@@ -55,7 +55,7 @@ class Standing(Clock):
         return self.now
 
 
-def test_operator_is_told_manoeuvre_remaining_time_and_what_to_do(scenario):
+def test_operator_gets_manoeuvre_remaining_time_and_what_to_do(scenario):
     test = Manoeuvres(scenario)
     assert test.report()["cue"] == "Arm, then Start" and not test.report()["running"]
     laid_out = test.laid_out()
@@ -93,7 +93,7 @@ def test_hand_is_counted_down():
     ]
 
 
-def test_trial_helm_rests_until_started_and_after_an_abort_begins_anew(helm, composed):
+def test_experiment_helm_rests_until_started_and_after_an_abort_begins_anew(helm, composed):
     quiet = (0.0, 0.0, 0.0)
     helm.restart(composed.start)
     for _ in range(5):

@@ -45,7 +45,7 @@ def test_newest_picture_fits_and_markers_are_found_until_the_camera_hangs_up(sch
         assert "the stream ended" in process.why and "secret" not in process.why
 
 
-def test_camera_that_is_not_there_is_said_without_its_password():
+def test_camera_that_is_not_there_is_reported_without_its_password():
     with socket.socket() as nobody:  # an address at which nobody answers
         nobody.bind(("127.0.0.1", 0))
         url = f"rtsp://me:secret@127.0.0.1:{nobody.getsockname()[1]}/test"

@@ -44,7 +44,7 @@ def test_an_answer_that_cannot_be_sent_says_so_and_the_process_stays(worker):
     assert ran(worker.call(os.getpid)) == process
 
 
-def test_a_process_that_is_killed_is_said_and_another_takes_its_place(worker):
+def test_a_process_that_is_killed_is_reported_and_another_takes_its_place(worker):
     with pytest.raises(RovtwinError, match="the work: its process ended"):
         ran(worker.call(os._exit, 9))
     assert ran(worker.call(len, "ab")) == 2

@@ -24,7 +24,7 @@ def killed(say):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_results_come_in_order_with_what_is_said_on_the_way():
+def test_results_come_in_order_with_messages_on_the_way():
     lines = []
     with Aside([partial(doubled, 2), partial(doubled, 5)]) as aside:
         assert [aside.result(lines.append), aside.result(lines.append)] == [4, 10]

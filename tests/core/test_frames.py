@@ -66,7 +66,7 @@ def test_normalise():
     np.testing.assert_allclose(frames.quaternion_normalise(jnp.asarray(3.7 * q)), q, atol=1e-15)
 
 
-def test_quaternion_turns_as_said():
+def test_quaternion_turns_as_stated():
     """Hamilton, b to n: heading east (psi = 90 degrees), forward is east and starboard is south."""
     q = jnp.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
     R_nb = np.asarray(frames.rotation_from_quaternion(q))

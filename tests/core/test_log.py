@@ -561,7 +561,7 @@ def test_repair_keeps_provenance_and_refuses_to_overwrite(path: Path, log: Log, 
         (b"\x89MCAP0\r\n" * 20, "unfinished"),
     ],
 )
-def test_other_files_are_told_apart(tmp_path: Path, content: bytes, expected: str) -> None:
+def test_other_files_are_distinguished(tmp_path: Path, content: bytes, expected: str) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     for use in (Log.read, info):

@@ -39,7 +39,7 @@ def test_rosbags_reads_them_as_a_ros_message(written):
         assert (picture.header.frame_id, picture.format, bytes(picture.data)) == ("port.camera", "jpeg", data)
 
 
-def test_a_damaged_byte_is_told_and_never_a_traceback(written, tmp_path):
+def test_a_damaged_byte_is_reported_and_never_a_traceback(written, tmp_path):
     data = written.read_bytes()
     whole = list(read_pictures(written))
     for at in range(0, len(data), 7):

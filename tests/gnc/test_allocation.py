@@ -185,7 +185,7 @@ def test_limits_of_each_axis():
     np.testing.assert_allclose(lower, -np.asarray(upper))
 
 
-def test_nothing_wanted_nothing_sent():
+def test_no_wrench_no_command():
     command, allocated = Allocation.of(thirty_kg())(jnp.zeros(6))
     assert not np.any(command.u) and not np.any(allocated)
 

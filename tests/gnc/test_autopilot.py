@@ -182,7 +182,7 @@ class Spy(Perfect):
         return memory, eqx.tree_at(lambda e: e.bias, estimate, input.command.u)
 
 
-def test_observer_is_told_the_command_that_was_sent(model):
+def test_observer_gets_the_command_that_was_sent(model):
     autopilot = Autopilot.thesis(model, Spy(), route(SQUARE))
     _, output = flown(autopilot, model, START, requests(SHORT))
     assert not np.any(output.estimate.bias[0])

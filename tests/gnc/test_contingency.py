@@ -156,7 +156,7 @@ def test_a_pilot_who_turns_moves_along_the_new_heading():
     assert np.allclose(along, 0.2 * np.stack([np.cos(psi), np.sin(psi)], axis=1), atol=0.05)
 
 
-def test_without_a_wish_the_pilot_keeps_the_station():
+def test_without_a_command_the_pilot_keeps_the_station():
     eta = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0)).eta)
     assert np.allclose(eta[-1], eta[-100]) and np.linalg.norm(eta[-1, :3] - AT[:3]) < 0.6
 

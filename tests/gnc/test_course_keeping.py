@@ -212,7 +212,7 @@ def test_a_heading_is_kept_where_the_place_can_be_held_with_it_and_given_up_wher
         assert not np.any(setpoint.progress.state[last] == HEADING_GIVEN_UP)
 
 
-def test_a_current_that_is_too_strong_is_said():
+def test_a_current_that_is_too_strong_is_reported():
     place, setpoint, _ = fly(SQUARES, (0.0, -1.3 * float(SCALES.top[0])))
     assert np.all(setpoint.progress.state[round(20 / DT) :] == SWEPT)
     assert np.all(setpoint.phase <= HOLD)

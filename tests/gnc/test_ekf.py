@@ -407,7 +407,7 @@ def test_nonsense_is_refused(change, message):
         EkfTuning.consistent(**change)
 
 
-def test_a_gated_compass_is_believed_across_south(model):
+def test_a_gated_compass_is_used_across_south(model):
     """Readings on both sides of +-pi differ by little; a gate that forgot to wrap would reject them."""
     ekf = Ekf(model, EkfTuning.consistent(gate={"attitude": 30.0}))
     memory = ekf.init(jax.random.key(0), Start.at(heading=np.pi - 1e-3))

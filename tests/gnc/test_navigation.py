@@ -149,7 +149,7 @@ def test_shares_of_model_sensor_and_waves_leave_no_more_noise_than_any_of_them()
     assert np.linalg.eigvalsh(Q)[0] > -1e-18
 
 
-def test_the_sea_is_told_by_its_acceleration():
+def test_the_sea_is_estimated_from_its_acceleration():
     """A sine of 1 rad/s in north with the accelerometer's noise: variance and frequency; in a calm nothing is left."""
     rng, amplitude, frequency = np.random.default_rng(1), 0.05, 0.8
     t = np.arange(0, 150, DT)
@@ -364,7 +364,7 @@ def test_a_force_that_lasts_is_learnt_from_the_accelerometer(model):
     assert 0.3 * 0.4 * mass < bias[round(21 / DT), 0] < 1.2 * 0.4 * mass
 
 
-def test_what_is_not_a_number_is_not_heard(at_rest):
+def test_what_is_not_a_number_is_ignored(at_rest):
     def broken(value, valid):
         value[20 * 50 - 1] = np.nan
 
@@ -383,7 +383,7 @@ def test_a_start_that_is_known_is_known_with_the_waves_in_it(model):
         assert np.linalg.eigvalsh(P).min() > -1e-12
 
 
-def test_with_a_doppler_log_the_filter_errs_as_it_believes(model):
+def test_with_a_doppler_log_the_filter_is_consistent(model):
     """40 vehicles at rest, five seconds of velocities: the place is where the start was, and as sure as it was."""
     n, vehicles = 250, 40
     rng = np.random.default_rng(3)

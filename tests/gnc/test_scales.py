@@ -219,7 +219,7 @@ def test_every_default_grows_with_the_vehicle(pair):
     require_growth(*pair)
 
 
-def test_what_the_filter_believes_of_forces_and_currents_grows_with_the_vehicle(pair):
+def test_what_the_filter_assumes_of_forces_and_currents_grows_with_the_vehicle(pair):
     """Sensors, attitude and waves are not the vehicle's; forces and speeds through the water are."""
     small, large = pair
     same = np.zeros(31, dtype=bool)

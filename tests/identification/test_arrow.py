@@ -80,7 +80,7 @@ def test_the_gain_is_what_a_quadratic_sum_of_squares_loses():
     assert arrow.gain() == pytest.approx(b @ np.linalg.solve(H, b), rel=1e-9)
 
 
-def test_a_singular_matrix_is_said_to_be_one():
+def test_a_singular_matrix_is_reported_to_be_one():
     arrow = random_arrow(0)
     arrow.own[2] = 0.0
     with pytest.raises(np.linalg.LinAlgError):

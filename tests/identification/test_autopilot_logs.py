@@ -88,7 +88,7 @@ def test_a_telemetry_log_needs_no_map(tmp_path, heavy):
     check_commands(record, heavy)
 
 
-def test_outputs_that_are_read_rarely_are_said_to_be(tmp_path, heavy):
+def test_outputs_that_are_read_rarely_are_reported_to_be(tmp_path, heavy):
     pytest.importorskip("pymavlink", reason="pip install 'rovtwin[mavlink]'")
     record = read_record(write_tlog(tmp_path / "slow.tlog", every=5), heavy)
     (found,) = [f for f in check_record(record, heavy.model()) if f.what == "rare"]
@@ -168,7 +168,7 @@ def test_a_frame_of_ones_own_is_mapped_by_hand(tmp_path, heavy):
     np.testing.assert_allclose(by_motor, [0.5, 0.5, 0.5, 0.5, 0, 0, 0, 0], atol=1e-9)
 
 
-def test_what_the_log_does_not_say_is_assumed_and_said(tmp_path, heavy):
+def test_what_the_log_lacks_is_assumed_and_reported(tmp_path, heavy):
     path = write_dataflash(tmp_path / "log.BIN", parameters={})
     notes = " ".join(read_record(path, heavy).notes)
     assert "FRAME_CONFIG is not in the log: VECTORED_6DOF taken" in notes

@@ -249,7 +249,7 @@ def each_late(record, **late):
     + [{"gyro": 0.8, "position": -0.8}, {"gyro": 0.6, "velocity": 1.2}]
     + [{"gyro": 1.0, "attitude": 1.0}, {"velocity": -0.6, "position": -0.6}],
 )
-def test_a_signal_that_is_late_is_told_from_the_one_it_is_compared_with(late):
+def test_a_signal_that_is_late_is_distinguished_from_the_one_it_is_compared_with(late):
     """The commands tell which of two it is; what to write is that signal's own, and nobody else's."""
     record = only(fly("bluerov2", "multisine", 3), "gyro", "attitude", "velocity", "position")
     found = [f for f in check_record(each_late(record, **late), model_of("bluerov2")) if f.severity == "error"]

@@ -78,7 +78,7 @@ def test_uncertain_speeds_widen_the_band_by_the_slope() -> None:
     assert 0.92 < np.mean(held) <= 0.99
 
 
-def test_says_when_terms_cannot_be_told_apart() -> None:
+def test_terms_that_cannot_be_distinguished_are_reported() -> None:
     v = np.array([0.20, 0.22, 0.24, 0.26])
     fit = fit_damping(v, force(v, 10.0, 50.0), sigma=0.3)
     assert any("cannot be told apart" in note and "0.2-0.26" in note for note in fit.notes), fit.notes

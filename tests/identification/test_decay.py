@@ -99,12 +99,12 @@ def test_no_weight_no_scale():
         from_ballast(one, two, 0.01, 0.0)
 
 
-def test_damping_that_the_test_cannot_part_is_said():
+def test_damping_that_the_test_cannot_part_is_reported():
     found = fit_decay(*release(3, tilt_deg=-6.0))
     assert any("their sum is known" in note or "not positive" in note for note in found.notes)
 
 
-def test_a_negative_coefficient_is_taken_as_zero_and_said():
+def test_a_negative_coefficient_is_taken_as_zero_and_reported():
     z = [fit_decay(*release(seed, ratios=np.array([1.4, 0.05, 0.0]), duration=30.0)) for seed in range(4)]
     zero = [found for found in z if found.ratios[2] == 0]
     assert zero and all("not positive; taken as 0" in found.notes[0] for found in zero)
@@ -141,7 +141,7 @@ def test_several_decays_are_pooled_and_those_that_differ_widen_it():
     assert "widened" in pooled([*same, other])[2][0]
 
 
-def test_several_releases_of_one_recording_are_told_apart():
+def test_several_releases_of_one_recording_are_distinguished():
     tilts, t0, all_t, all_x = (-33.0, 25.0, -30.0), 0.0, [], []
     for k, tilt in enumerate(tilts):
         t, x = release(20 + k, tilt_deg=tilt)

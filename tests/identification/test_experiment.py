@@ -166,7 +166,7 @@ def test_each_further_manoeuvre_makes_no_parameter_less_known(vehicle):
     assert variance_ratio(seen.plan, 2.0 * seen.plan, seen.prior) == pytest.approx(0.25)
 
 
-def test_mistakes_are_said(sensed):
+def test_mistakes_are_reported(sensed):
     prior, reported = drawn()
     with pytest.raises(IdentificationError, match=r"found 0.167 minutes, expected at least 0.3"):
         choose_tests(prior, reported, 10.0)

@@ -219,7 +219,7 @@ def test_depth_alone_gives_heave_and_nothing_gives_an_error() -> None:
         free_running(model(), [blind])
 
 
-def test_a_wrong_sign_is_said() -> None:
+def test_a_wrong_sign_is_reported() -> None:
     turned = [replace(record, command=-record.command) for record in records("surge", 12)]
     result = free_running(model(), turned, dofs=["surge"])
     assert any("7 of 7 windows move against their thrust" in note for note in result.notes)

@@ -76,7 +76,7 @@ def test_what_the_file_states_counts_where_an_earlier_result_has_none(tmp_path):
     np.testing.assert_allclose(loaded.model().thrusters.inflow_loss, 0.2)
 
 
-def test_a_gain_by_the_inflow_is_none_in_the_file_and_that_is_said():
+def test_a_gain_by_the_inflow_is_none_in_the_file_and_that_is_reported():
     parameters = choose(EVERYTHING, FREE)
     below = np.where(np.isin(parameters.names, [LOSS]), -0.05, 0.0)
     assert about_inflow(parameters, below) == [f"{LOSS} came out below 0, which no propeller has: the file states 0"]

@@ -254,7 +254,7 @@ def test_an_error_of_scale_moves_the_estimate_as_foretold(found):
     assert not scale_response(problem, found.solution).any()
 
 
-def test_what_rests_on_the_scale_is_told(found):
+def test_what_rests_on_the_scale_is_reported(found):
     solution, response = found.solution, 0.1 * found.std
     records = [replace(r, scale_std=0.005) for r in found.problem.segments.records]
     assert about_scale(found.parameters, records, solution, response) == []
@@ -303,7 +303,7 @@ def test_stretches_that_agree_widen_next_to_nothing(found):
     assert found.solution.stretches == 16
 
 
-def test_a_thruster_that_gives_less_for_half_of_the_test_widens_what_is_said_of_it(found, truth):
+def test_a_thruster_that_gives_less_for_half_of_the_test_widens_its_interval(found, truth):
     """The model is broken on purpose: commands of the second half are a third larger than what was flown."""
     log = truth[2]
     late = log.t_command > 0.5 * DURATION
@@ -318,7 +318,7 @@ def test_a_thruster_that_gives_less_for_half_of_the_test_widens_what_is_said_of_
     assert np.mean(np.abs(off) < 1.96) > np.mean(np.abs(bare) < 1.96) + 0.2
 
 
-def test_halves_of_a_log_differ_by_what_is_said(found):
+def test_halves_of_a_log_differ_by_what_is_reported(found):
     """The model is exact: differences over their widths are 1 on average, and the table counts them."""
     halves = found.solution.halves
     assert found.solution.apart is None and halves.names == ("first half", "second half")

@@ -191,7 +191,7 @@ def test_the_result_replaces_no_file_of_another_kind(old, tmp_path):
     assert (tmp_path / "out.nc").read_bytes() == b"CDF of a log" and not (tmp_path / "out.yaml").exists()
 
 
-def test_it_is_said_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch):
+def test_it_is_reported_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch):
     path = str(doubtful / "kept.yaml")
     for command in ("check", "show"):
         assert DOUBT in " ".join(CliRunner().invoke(app, ["vehicle", command, path]).output.split())
@@ -335,7 +335,7 @@ def test_a_dead_band_that_nobody_stated_may_be_none(stated):
     assert no_dead_band(parameters, prior, theta) == [] and contradicted(prior, theta, C, None) == {i}
 
 
-def test_what_was_learnt_is_said_to_hang_on_the_scale_of_forces():
+def test_what_was_learnt_is_reported_to_depend_on_the_scale_of_forces():
     parameters = choose(catalogue(load_vehicle("double_blueye")), ["thrusters.*.force_*", "added_mass.surge"])
     n = len(parameters)
     prior = 0.07**2 * np.ones((n, n)) + 0.2**2 * np.eye(n)
@@ -346,7 +346,7 @@ def test_what_was_learnt_is_said_to_hang_on_the_scale_of_forces():
     assert up_to_scale(parameters, prior, 0.01**2 * np.ones((n, n))) == ""
 
 
-def test_who_waits_is_told_how_far_it_is():
+def test_progress_is_reported_while_waiting():
     assert step_in_words(12, 80, 0.5, 200.0) == (
         "step 12 of at most 80 (most end after 20 to 40), 3:20 min, largest change 0.5 standard deviations"
     )
@@ -431,7 +431,7 @@ def test_forces_that_differ_or_fit_are_no_gain(forces, factors):
     assert about_gain(some, half, np.log(np.full(len(some), 2.6)), []) == [], "the others were taken as exact"
 
 
-def test_the_gain_of_the_tank_is_told_by_the_dead_band():
+def test_the_gain_of_the_tank_is_found_from_the_dead_band():
     """Its evidence file says half; the shape of force against command says all of it."""
     shared_folder("data", "bluerov2_heavy_tank")
     evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")

@@ -50,7 +50,7 @@ def test_spheres_within_one_percent(meshes, name):
     assert set(found.priors()) == {"added_mass.surge", "added_mass.sway", "added_mass.heave"}
 
 
-def test_inward_normals_are_turned_and_said(meshes):
+def test_inward_normals_are_turned_and_reported(meshes):
     found = panel_added_mass(mesher_of_file(meshes / "inward.stl"), panel_size=0.15)
     assert found.panels.volume == pytest.approx(np.prod(SIZE))
     assert (

@@ -40,7 +40,7 @@ def test_a_tilted_sensor_is_not_put_down_to_the_center_of_buoyancy(found):
         assert high - low < 0.2 * ASKEW[0] * abs(lever[2])
 
 
-def test_the_mounting_of_the_gyro_is_within_its_width_and_said(found):
+def test_the_mounting_of_the_gyro_is_within_its_width_and_reported(found):
     for name, true in zip(MOUNTING, ASKEW, strict=True):
         low, high = found.interval(name, z=2.39)  # all three at once in 95 % of cases
         assert low < true < high, name

@@ -31,13 +31,13 @@ def test_recovery(quantity):
     assert fit.on_bound == ()
 
 
-def test_a_thrust_on_its_bound_is_said():
+def test_a_thrust_on_its_bound_is_reported():
     fit = fit_nsga(record("velocity", thrust=5.0), (0.0, 200.0), (5.2, 5.8), generations=30)
     assert fit.thrust == pytest.approx(5.2, abs=0.003) and fit.on_bound == ("thrust",)
     assert "5.2 to 5.8" in fit.notes[0]
 
 
-def test_a_seed_gives_the_same_result_and_progress_is_told():
+def test_a_seed_gives_the_same_result_and_progress_is_reported():
     reports = []
     one, two = (
         fit_nsga(record("position"), (0, 200), (8, 8), generations=8, seed=3, progress=lambda *a: reports.append(a))

@@ -111,7 +111,7 @@ def test_depth_from_pressure_uses_the_water(tmp_path, vehicle, command):
     np.testing.assert_allclose(read_record(tmp_path / "p.npz", vehicle, given).signals["depth"].value[:, 0], T)
 
 
-def test_gaps_and_repeats_are_left_out_and_said(tmp_path, vehicle, command):
+def test_gaps_and_repeats_are_left_out_and_reported(tmp_path, vehicle, command):
     rate = RATE.copy()
     rate[7] = np.nan
     rate[12] = rate[11]

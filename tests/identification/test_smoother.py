@@ -51,7 +51,7 @@ def test_far_better_than_a_plain_difference() -> None:
     assert np.std(np.gradient(y, t) - v) > 15 * error
 
 
-def test_nothing_is_said_inside_a_long_gap() -> None:
+def test_there_is_no_estimate_inside_a_long_gap() -> None:
     rng = np.random.default_rng(2)
     t = np.arange(0, 30, 0.1)
     t = t[(t < 10) | (t > 13)]

@@ -123,7 +123,7 @@ def test_without_pymoo_all_but_the_search_is_derived(monkeypatch):
     assert line.derived is None and "rovtwin[nsga]" in line.reason
 
 
-def test_the_thrust_on_its_bound_is_said(study):
+def test_the_thrust_on_its_bound_is_reported(study):
     assert "on the bound" in study.line("added_mass", "heave, thrust of the search").reason
 
 

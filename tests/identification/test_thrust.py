@@ -122,7 +122,7 @@ def test_truth_within_the_band_of_the_drag_over_100_seeds():
     assert (np.mean(inside, axis=0) > 0.87).all(), np.mean(inside, axis=0)
 
 
-def test_a_prior_against_the_data_is_said():
+def test_a_prior_against_the_data_is_reported():
     u = COMMAND[COMMAND > 0.3]
     v = 2 * 20 * u**3 / (60 + np.sqrt(60**2 + 4 * 5 * 20 * u**3))
     fit = fit_thrust_and_damping(u, v, ThrustPrior(Known(20.0, 0.4)), sigma_velocity=0.001)

@@ -78,7 +78,7 @@ def test_intervals_and_bands_hold_the_truth_over_100_seeds() -> None:
     assert 0.92 <= np.mean(bands) <= 0.995, np.mean(bands, axis=0)
 
 
-def test_the_rig_is_subtracted_and_its_absence_said() -> None:
+def test_the_rig_is_subtracted_and_its_absence_reported() -> None:
     alone = towing(tows(1, ahead=(0, 0), astern=(0, 0), rig=RIG, noise=0.3, vibration=0.3)).fit
     runs = tows(2, rig=RIG)
     with_rig, without = towing(runs, rig=alone), towing(runs)
@@ -98,7 +98,7 @@ def test_tare_from_rests_given_or_missing() -> None:
     assert towing(runs, tare=TARE).fit.force(np.array([0.3]))[0] == pytest.approx(16.24, rel=0.03)
 
 
-def test_a_tare_that_drifts_is_said_and_followed() -> None:
+def test_a_tare_that_drifts_is_reported_and_followed() -> None:
     runs = [TowRun(r.name, r.t, r.speed, r.force + 0.05 * r.t) for r in tows(4)]
     result = towing(runs, across=BOX)
     assert any("drifts" in note for note in result.notes)
@@ -208,7 +208,7 @@ def test_options_without_sense_are_named(option: dict) -> None:
         towing(tows(12, rate=20.0), **option)
 
 
-def test_one_pair_for_both_directions_is_said() -> None:
+def test_one_pair_for_both_directions_is_reported() -> None:
     assert any("one pair" in note for note in towing(tows(14)[:5], across=BOX).notes)
     assert not any("one pair" in note for note in towing(tows(14), across=BOX).notes)
 

@@ -60,7 +60,7 @@ def until(found, seconds=10.0):
     return result
 
 
-def test_readings_go_there_and_wishes_come_back_and_expire():
+def test_readings_go_there_and_commands_come_back_and_expire():
     with Protocols([Echo()], ["port", "starboard"], 2.0) as protocols:
         assert until(protocols.messages) == [f"echo of port, starboard at 2, process {protocols.pid}"]
 
@@ -76,7 +76,7 @@ def test_readings_go_there_and_wishes_come_back_and_expire():
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_server_that_is_killed_or_hangs_wishes_nothing_and_does_not_hold_up_physics(number):
+def test_a_server_that_is_killed_or_hangs_commands_nothing_and_does_not_hold_up_physics(number):
     with Protocols([Echo()], [""]) as protocols:
 
         def answer():
@@ -111,7 +111,7 @@ def test_a_server_that_fails_says_why():
         until(protocols.messages)
 
 
-def test_nobody_but_this_machine_unless_it_is_wanted():
+def test_nobody_but_this_machine_unless_it_is_asked_for():
     home, away = Echo(["127.0.0.2", "::1", "localhost"]), Echo(["192.168.1.101"])
     assert require_loopback([home], exposed=False) == []
     with pytest.raises(ConfigError, match=r"192\.168\.1\.101.*--expose"):
@@ -141,7 +141,7 @@ def test_a_listener_that_is_slow_loses_the_oldest_readings():
     assert station._listeners == []
 
 
-def test_who_disarms_is_heard_when_two_servers_speak_for_one_drone():
+def test_disarming_counts_when_two_servers_command_one_drone():
     protocols = Protocols.__new__(Protocols)
     protocols._commands = {}
     protocols._hear(10.0, PilotCommand("", True))
@@ -159,7 +159,7 @@ def test_what_a_client_is_called_does_not_steer_the_users_terminal():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_wish_that_is_no_number_is_none(bad):
+def test_a_command_that_is_no_number_is_none(bad):
     command = PilotCommand(motion=(bad, 0.5, 7.0, -7.0, 0.0, bad), target=(0.0, bad, 0.0, 0.0), lights=bad)
     assert command.motion == (0.0, 0.5, 1.0, -1.0, 0.0, 0.0)
     assert command.target is None and command.lights == 0.0

@@ -53,7 +53,7 @@ def test_room_is_bounded_and_the_newest_stay(log, monkeypatch):
 
 
 @pytest.mark.parametrize(("deepest", "shown"), [(0.2, 0), (9.7, 9), (37.0, 30)])
-def test_depth_is_told_as_the_drone_does(log, deepest, shown):
+def test_depth_is_published_as_the_drone_does(log, deepest, shown):
     log.keep("DepthTel", depth(1.0), 0.0, 1.7e9)
     log.saw_depth(deepest)
     (entry,) = log.index()

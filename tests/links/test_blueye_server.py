@@ -142,7 +142,7 @@ def test_leak_and_dive_time(served, drone):
     assert drone.get_dive_time() == 4
 
 
-def test_readings_that_are_no_numbers_are_not_told(served, drone):
+def test_readings_that_are_no_numbers_are_not_published(served, drone):
     Feeder(served, pace=0.1).feed(1.2, pressure=[float("nan")], gyro=[float("inf"), 0, 0], battery=[float("nan"), 1])
     assert drone.get_depth() is None
     assert drone.battery.get_state_of_charge() is None
@@ -169,7 +169,7 @@ def test_motion_modes_and_lights(served, drone):
     assert served.commands[-1].hold_heading
 
 
-def test_wish_is_repeated_while_the_watchdog_is_fed(served, drone):
+def test_command_is_repeated_while_the_watchdog_is_fed(served, drone):
     """The SDK sends a motion once; a wish holds for 0.3 s at the vehicle."""
     drone.motion.set_heave(0.5)
     arm(drone, served)

@@ -95,7 +95,7 @@ def test_a_host_that_hangs_holds_nobody_up(tmp_path):
     assert not link._process.is_alive()
 
 
-def test_a_stop_that_a_hung_host_had_no_room_for_is_heard_when_it_goes_on(tmp_path):
+def test_a_stop_that_a_hung_host_had_no_room_for_arrives_when_it_goes_on(tmp_path):
     reported = tmp_path / "told"
     with HostedLink(Opener(reported), 3) as link:
         os.kill(link.pid, signal.SIGSTOP)
@@ -179,7 +179,7 @@ def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(t
             wait_for(lambda: resting(reported), 2.0)
 
 
-def test_a_vendors_thread_that_ends_is_told_of_in_one_line(monkeypatch):
+def test_a_vendors_thread_that_ends_is_reported_in_one_line(monkeypatch):
     texts = []
     monkeypatch.setattr(host.logger, "warning", lambda text, *details: texts.append(text % details))
     what = threading.ExceptHookArgs((UnicodeError, UnicodeError("no text"), None, threading.current_thread()))
@@ -295,7 +295,7 @@ def test_arming_that_was_asked_for_before_a_stop_is_refused(tmp_path):
         assert moving(reported)
 
 
-def test_stop_holds_though_the_driver_fails_at_it_and_is_heard_again(tmp_path):
+def test_stop_holds_though_the_driver_fails_at_it_and_is_received_again(tmp_path):
     """Zeros go out by the other way; the thread that listens lives on."""
     reported = tmp_path / "told"
     with ThreadHosted(Armable(reported, stop_fails=True), 3, tmp_path / "stop") as link:

@@ -169,7 +169,7 @@ def test_refusals_say_why():
         assert first.id == second.id > 0 and (first.chunk_seq, second.chunk_seq) == (0, 1)
 
 
-def test_what_is_said_once_is_bounded(monkeypatch):
+def test_what_is_reported_once_is_bounded(monkeypatch):
     from rovtwin.links.mavlink import conversation
 
     monkeypatch.setattr(conversation, "MOST_TEXTS", 5)

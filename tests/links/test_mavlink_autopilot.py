@@ -307,7 +307,7 @@ def test_ignored_coordinates_stay():
     np.testing.assert_allclose(order.target, (10.0, 22.0, 5.0, HERE[3]), atol=1e-12)
 
 
-def test_yaw_wanted():
+def test_desired_yaw():
     mask = PLACE_ONLY & ~1024
     assert order_of_local(local(mask=mask, yaw=1.0), HERE, None).target[3] == 1.0
     assert order_of_local(local(9, mask, yaw=1.0), HERE, None).target[3] == pytest.approx(HERE[3] + 1.0)
@@ -372,7 +372,7 @@ def test_attitude_turns_and_dives():
     assert order_of_attitude(attitude(), None, 0.3).refusal
 
 
-def test_a_refusal_is_said_once_and_again_after_it_went_well(pilot, messages):
+def test_a_refusal_is_reported_once_and_again_after_it_went_well(pilot, messages):
     armed(pilot, 4)
     count = len(messages)
     for order in (Order(refusal="no"), Order(refusal="no"), Order(target=HERE), Order(refusal="no")):

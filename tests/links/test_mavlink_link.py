@@ -158,7 +158,7 @@ def test_the_gain_in_force_comes_from_a_firmware_that_streams_nothing_by_itself(
     assert link._steering.in_force and "does not say the gain in force" not in caplog.text
 
 
-def test_the_gain_in_force_counts_and_its_changes_are_said():
+def test_the_gain_in_force_counts_and_its_changes_are_reported():
     steering = Steering(None, 1.0, (4, 5))
 
     def parameter(name, value):
@@ -335,7 +335,7 @@ def test_bad_url(url):
         MavlinkLink(url, SURGE_SWAY_YAW, time_limit=0.2)
 
 
-def test_server_gone_is_heard():
+def test_server_gone_is_noticed():
     """TCP tells when the other side is gone: the link says that it cannot be used any more."""
     server = endpoint()
     with serving(server) as served:

@@ -97,7 +97,7 @@ def test_arms_and_flies(how):
         assert len(served.commands) == count, "after disarming there is one wish and then silence"
 
 
-def test_wishes_are_repeated_at_10_hz_at_least():
+def test_commands_are_repeated_at_10_hz_at_least():
     with station() as (served, client):
         assert client.command(400, 1) == 0
         before = len(served.commands)
@@ -337,7 +337,7 @@ def test_can_be_pickled():
     assert pickle.loads(pickle.dumps(server)) == server
 
 
-def test_leak_is_told():
+def test_leak_is_reported():
     with station() as (served, client):
         served.feed(1.0, [Measurement("leak", np.array([1.0]), 1.0)])
         assert client.next("STATUSTEXT", text="Leak Detected")

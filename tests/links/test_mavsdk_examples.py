@@ -50,7 +50,7 @@ def test_judged(name, status, output, message, result, seen):
     assert found.result == result and seen in found.seen
 
 
-def test_the_server_s_complaint_is_told():
+def test_the_server_s_complaint_is_reported():
     output = "-- Starting offboardERROR:mavsdk_server:Cannot translate (system_impl.cpp:998)\n" + TRACE.format(UNKNOWN)
     assert judged("goto", 1, output, []).seen.endswith("; MAVSDK: Cannot translate")
 

@@ -97,7 +97,7 @@ def test_lost_body_is_quiet():
         assert "connected" in source.status
 
 
-def test_unknown_body_is_said():
+def test_unknown_body_is_reported():
     port = free_port()
     with serving(QtmServer(port=port, body="rov")), QtmSource(HOST, "boat", port=port) as source:
         wait_until(lambda: "no rigid body 'boat'; QTM has: rov" in source.status)

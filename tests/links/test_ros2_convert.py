@@ -303,7 +303,7 @@ def test_many_messages_are_the_same_bytes_as_one_by_one():
 class TestPilot:
     half = (0.5, 0, 0, 0, 0, 0)
 
-    def test_nothing_is_wished_before_a_client_arms(self):
+    def test_nothing_is_commanded_before_a_client_arms(self):
         pilot = Pilot("", 0.5)
         assert not pilot.hear_motion(0.0, self.half) and not pilot.hear_target(0.0, (1, 2, 3, 0))
         assert pilot.command(0.0) is None

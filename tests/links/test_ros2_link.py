@@ -41,7 +41,7 @@ def test_sources_and_names():
 
 
 @pytest.mark.parametrize("off", [-3600.0, 1e9, -1.5, 2.0])
-def test_a_stamp_far_from_now_is_refused_and_said(vehicle, off):
+def test_a_stamp_far_from_now_is_refused_and_reported(vehicle, off):
     vehicle.transport.deliver("/rov/imu", convert.imu(max(vehicle.now + off, 0.001), gyro=[0.1, 0.2, 0.3]))
     assert vehicle.link.read() == []
     assert vehicle.link.refused == {"imu": 1} and "synchronise" in vehicle.link.problems["imu"]

@@ -99,7 +99,7 @@ def reading(sensor: str, *value: float, t: float = 0.0) -> Measurement:
         ("twin://?speed=2", "found the option 'speed', expected none"),
     ],
 )
-def test_a_url_that_cannot_be_used_is_said_with_what_was_expected(text, found):
+def test_a_url_that_cannot_be_used_is_reported_with_what_was_expected(text, found):
     with pytest.raises((ConfigError, LogError)) as error:
         connect(text, load_scenario("lawnmower_calm"), Clock())
     assert found in str(error.value)
@@ -138,7 +138,7 @@ def kept(text: str):
         return found
 
 
-def test_what_is_said_of_a_topside_unit_holds():
+def test_the_description_of_a_topside_unit_holds():
     gps = kept("ugps://127.0.0.1:9?topside=10,-20,90")
     assert gps._topside == pytest.approx((10.0, -20.0, np.pi / 2)) and gps._path.endswith("raw")
     assert gps._period == 0.01, "no more often than it can be asked, however fast time runs"
@@ -149,7 +149,7 @@ def test_what_is_said_of_a_topside_unit_holds():
     assert "north 0 m, east 0 m, its mark towards 0 deg; filtered" in described("ugps://h?filtered")
 
 
-def test_what_is_said_of_a_lab_holds():
+def test_the_description_of_a_lab_holds():
     """x towards east: y, to its left, is north; up is up."""
     lab = kept("qtm://127.0.0.1:9/rov?heading=90&origin=1,2,-3")._lab
     np.testing.assert_allclose(lab.to_eta(np.array([5.0, 7.0, 1.0]), np.eye(3))[:3], [8.0, 7.0, -4.0], atol=1e-9)
@@ -160,7 +160,7 @@ def test_what_is_said_of_a_lab_holds():
     np.testing.assert_allclose(kept("qtm://127.0.0.1:9/rov")._lab.R_nq, np.diag([1.0, -1.0, -1.0]), atol=1e-12)
 
 
-def test_what_is_said_of_a_dvl_and_a_drone_holds():
+def test_the_description_of_a_dvl_and_a_drone_holds():
     dvl = kept("dvl://127.0.0.1:9?rotation=90")
     assert (dvl._cos, dvl._sin) == pytest.approx((0.0, 1.0))
     assert "turned 90 deg clockwise" in described("dvl://h?rotation=90")
@@ -221,7 +221,7 @@ def test_the_start_of_a_vehicle_whose_compass_looks_aft_has_its_own_heading(hast
 
 
 @pytest.mark.parametrize("silent", ["position", "pressure", "attitude", "gyro", "accelerometer"])
-def test_a_sensor_that_is_not_heard_is_named(hasty, silent):
+def test_a_sensor_without_readings_is_named(hasty, silent):
     vehicle = Fake()
     says = iter([[], [r for r in whole() if r.sensor != silent], *[[]] * 10_000])
     vehicle.read = lambda: next(says)

@@ -153,7 +153,7 @@ def test_nobody_tilts_a_twin_that_is_served(scenario):
     assert compose(scenario).loop.twin.hand is not None and served_of(scenario)[0].twin.hand is None
 
 
-def test_the_operator_is_told_what_comes_and_when_to_let_go(flight, scenario):
+def test_the_operator_gets_prompts_of_what_comes_and_when_to_let_go(flight, scenario):
     reports = [(cue.t, cue.text, cue.hand) for cue in flight[1]]
     tilt = "30 deg with the starboard side down and 10 deg with the bow down"
     assert reports == [

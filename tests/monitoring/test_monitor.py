@@ -62,7 +62,7 @@ def test_it_finds_what_has_changed_and_its_intervals_hold(name):
         assert found.std[i] < 0.5 * prior[i], f"{changed_one} is learnt"
 
 
-def test_what_has_changed_is_told_in_words_and_nothing_else():
+def test_what_has_changed_is_reported_in_words_and_nothing_else():
     vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": -0.4})
     now = list(readings(vehicle, monitor).values())
     none = np.zeros(len(now))
@@ -114,7 +114,7 @@ def test_without_a_velocity_it_says_less_and_still_holds():
     assert np.abs((found.theta - truth) / found.std).max() < 3.5
 
 
-def test_what_it_cannot_use_is_said():
+def test_what_it_cannot_use_is_reported():
     vehicle = load_vehicle("double_blueye")
     t, u = steps_command(vehicle, 0, 30.0)
     given = record(vehicle.model(), t, u, 30.0)

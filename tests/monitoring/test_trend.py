@@ -70,13 +70,13 @@ def reported_of(**values):
     return {c.reading.quantity.words for c in changes(thrusters(**values), none, none)}
 
 
-def test_the_thruster_that_differs_is_told_and_not_the_others():
+def test_the_thruster_that_differs_is_reported_and_not_the_others():
     assert reported_of(a=-0.3, b=0.1, c=0.1, d=0.1) == {"a"}  # weaker than the others
     assert reported_of(a=0.48, b=-0.16, c=-0.16, d=-0.16) == {"a"}  # repaired
     assert reported_of(a=-0.3, b=0.3) == {"a"}  # of two, the weaker one
 
 
-def test_a_change_is_told_with_its_size():
+def test_a_change_is_reported_with_its_size():
     rng = np.random.default_rng(3)
     values = np.zeros(5)
     values[2] = 0.3
@@ -85,7 +85,7 @@ def test_a_change_is_told_with_its_size():
     assert abs(change.difference.value - 0.3) < 0.1 and str(change.difference).startswith("drag 2 +3")
 
 
-def test_a_drift_is_told_and_noise_is_not():
+def test_a_drift_is_reported_and_noise_is_not():
     rng, reported = np.random.default_rng(4), 0
     for _ in range(300):
         reported += bool(drifts(drawn(rng, 6)))

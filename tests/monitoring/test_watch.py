@@ -29,7 +29,7 @@ def runs(tmp_path_factory):
 watch = partial(run, command="watch")
 
 
-def test_what_has_changed_is_told_and_drawn(runs, monkeypatch, capsys, tmp_path):
+def test_what_has_changed_is_reported_and_drawn(runs, monkeypatch, capsys, tmp_path):
     code, out, _ = watch(monkeypatch, capsys, runs / "before", runs / "after", "-o", tmp_path / "page", "--json")
     data = json.loads(out)
     assert code == 0 and data["against"] == "before" and data["baseline_runs"] == 1

@@ -83,7 +83,7 @@ def test_times_of_candidates_are_the_vehicles_own(no_sway):
     assert ratio == pytest.approx(np.full(3, light.unit / heavy.unit), rel=0.02)
 
 
-def test_a_tank_that_is_too_small_to_turn_in_is_said_with_the_size_it_takes():
+def test_a_tank_that_is_too_small_to_turn_in_is_reported_with_the_size_it_takes():
     vehicle = load_vehicle("double_blueye")
     scales = ExperimentScales.of(vehicle.model())
     with pytest.raises(ConfigError, match=r"found 6x1x1.5, but .* only turns on the spot, .* in a tank of 6x1\.\dx1.5"):
@@ -125,7 +125,7 @@ def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
     assert picture.stat().st_size > 30_000
 
 
-def test_mistakes_of_the_command_are_said():
+def test_mistakes_of_the_command_are_reported():
     result = CliRunner().invoke(app, ["plan-tests", "double_blueye", "--tank", "6x3"])
     assert isinstance(result.exception, ConfigError) and "6x3x1.5" in str(result.exception)
 
@@ -139,7 +139,7 @@ def rehearsed(speed, position=(0.0, 0.0, 0.75), aborted_at=None, ticks=100):
 
 
 @pytest.mark.parametrize(("reached", "refused"), [(1e-16, True), (0.3, False), (0.6, None)])
-def test_a_tank_too_small_to_excite_an_axis_is_said_with_the_numbers(reached, refused):
+def test_a_tank_too_small_to_excite_an_axis_is_reported_with_the_numbers(reached, refused):
     vehicle, tank = load_vehicle("double_blueye"), Tank(6.0, 3.0, 1.5)
     top, able = np.array([1.0, 0.5, 0.5]), np.array([True, False, False, False, False, True])
     pulls = [("surge", rehearsed(0.9, (8.0, 0.0, 0.75)))]

@@ -29,7 +29,7 @@ from rovtwin.vehicle import load_vehicle
 FORCES = np.array([4.0, 8.0, 12.0, 16.0, 20.0])
 
 
-def test_the_thesis_table_is_what_it_is_said_to_be():
+def test_the_thesis_table_is_what_its_notes_state():
     truth = true_values("surge")
     speeds = terminal(truth, FORCES)
     np.testing.assert_allclose(speeds, [0.0697, 0.1357, 0.1985, 0.2586, 0.3162], atol=5e-5)  # errata 36

@@ -157,7 +157,7 @@ def test_a_marker_read_as_another_is_rejected():
     assert not out.moved.any()
 
 
-def test_an_update_that_lost_its_way_is_not_believed():
+def test_an_update_that_lost_its_way_is_rejected():
     """An innovation whose covariance is not positive, as rounding made it on a film, is negative: it passes any gate.
 
     There derivatives next to the camera did it, 1.4 m in one update; here a covariance of east and yaw that are more
@@ -304,7 +304,7 @@ def test_two_cameras_see_more_than_one():
 
 
 @pytest.mark.slow
-def test_with_a_port_the_right_model_is_as_good_and_without_it_is_told_by_the_residuals():
+def test_with_a_port_the_right_model_is_as_good_and_residuals_reveal_its_absence():
     wet = camera(lens_from([780, 780], [959.5, 539.5], (1920, 1080), (), Port.of(0.03, 0.005)))
     dry = camera(lens_from([780, 780], [959.5, 539.5], (1920, 1080)))
     rng, d = np.random.default_rng(2), drive()

@@ -192,7 +192,7 @@ def test_without_any_marker_the_track_says_what_to_look_at():
         track(empty, [EYE])
 
 
-def test_what_happened_on_the_way_is_told():
+def test_what_happened_on_the_way_is_reported():
     found = list(seen()[:N])
     found[40:80] = [[Detections.none()]] * 40
     (f,) = found[100]

@@ -55,7 +55,7 @@ def test_a_table_beside_a_film_says_its_times_and_frames_out_of_order_are_left_o
     assert video.notes == [f"{path}: 2 frames out of order left out, the first at 1.2 s after 1.3 s"]
 
 
-def test_a_table_that_is_shorter_than_the_film_is_not_told_as_damage(tmp_path):
+def test_a_table_that_is_shorter_than_the_film_is_not_reported_as_damage(tmp_path):
     path = film(tmp_path / "a.mp4", frames())
     (tmp_path / "a.csv").write_text("t\n1.0\n1.1\n1.2\n")
     video = Video(path, SIZE)
@@ -73,7 +73,7 @@ def test_a_folder_of_pictures_by_names_or_by_a_table(tmp_path):
     assert read(Video(path))[0] == [0.5, 0.75]
 
 
-def test_a_picture_that_cannot_be_read_is_left_out_and_told(tmp_path):
+def test_a_picture_that_cannot_be_read_is_left_out_and_reported(tmp_path):
     path = folder(tmp_path / "a", frames(3), ["1.png", "2.png", "3.png"])
     (path / "2.png").write_bytes(b"\x89PNG broken")
     video = Video(path)
@@ -162,7 +162,7 @@ def test_frames_without_attitude_are_left_out_and_none_at_all_is_an_error(tmp_pa
         record(attitude_log(np.arange(3.0), name="sensor/other"), *arguments)
 
 
-def test_attitude_that_is_read_less_often_than_frames_come_is_told(tmp_path):
+def test_attitude_that_is_read_less_often_than_frames_come_is_reported(tmp_path):
     path, eye = marked(tmp_path / "a")
     arguments = [Video(path, LENS.size)], [eye], Detector(), np.full(1000, 0.15)
     (note,) = record(attitude_log(np.arange(0, 3, 0.15)), *arguments).notes

@@ -41,7 +41,7 @@ def test_an_underwater_gps_bolted_on_errs_too():
     assert 0.03 < composed.bound(0.2)[0] < 0.45
 
 
-def test_identification_is_told_what_an_underwater_gps_errs_by():
+def test_identification_is_given_the_errors_of_an_underwater_gps():
     """Logs and records declared its white part, 35 mm of half a metre: the model was said to miss the position."""
     parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
     vehicle = vehicle_from_dict({"name": "v", "parts": parts})
@@ -88,7 +88,7 @@ def test_white_noise_that_says_as_little_as_an_error_that_lasts():
 
 
 @pytest.mark.parametrize("memory", [3.0, 30.0])
-def test_a_filter_told_so_is_consistent(memory):
+def test_a_filter_with_that_noise_is_consistent(memory):
     """One axis, no drag: a walk of the acceleration, positions with a first-order error, 20,000 s.
 
     The rule is an approximation, right to a factor of two of the variance, and never on the side of too much belief.

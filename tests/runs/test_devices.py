@@ -126,7 +126,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("message", WRONG)
-def test_what_cannot_break_is_said(message):
+def test_what_cannot_break_is_reported(message):
     with pytest.raises(ConfigError) as error:
         compose(load_scenario("lawnmower_calm", [f"faults=[{WRONG[message]}]"]))
     assert message in str(error.value)

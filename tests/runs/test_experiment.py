@@ -345,7 +345,7 @@ STEP = {"manoeuvre": "steps", "axis": "surge", "levels": [0.5]}
         ),
     ],
 )
-def test_mistakes_are_said(manoeuvres, more, message):
+def test_mistakes_are_reported(manoeuvres, more, message):
     with pytest.raises(ConfigError, match=message):
         compose(short(manoeuvres, **more))
 

@@ -37,13 +37,13 @@ def test_limits_are_those_of_the_table_of_performance():
 
 @pytest.mark.parametrize("vehicle", ["double_blueye", "bluerov2_heavy"])
 @pytest.mark.parametrize("name", ["square", "lawnmower_hard"])
-def test_nothing_is_said_of_what_can_be_flown(vehicle, name):
+def test_there_is_no_finding_on_what_can_be_flown(vehicle, name):
     assert lines(vehicle, name=name) == ([], [])
 
 
 @pytest.mark.parametrize("vehicle", ["bluerov2", NO_SWAY])
 @pytest.mark.parametrize("name", ["square", "lawnmower_hard"])
-def test_only_a_pitch_in_a_dive_that_was_asked_for_is_said_of_what_can_be_flown(vehicle, name):
+def test_the_only_finding_on_what_can_be_flown_is_pitch_in_a_dive_that_was_asked_for(vehicle, name):
     """Said: 20 degrees. Flown, calm, seeds 1 to 3: 13, 19 and 6; that without sway 16, 31 and 19."""
     assert lines(vehicle, name=name) == ([], [])  # at the speed that the autopilot takes
     refused, noted = lines(vehicle, "autopilot.control.dive_speed=0.9", name=name)
@@ -135,7 +135,7 @@ def test_a_current_through_which_it_cannot_go_level_is_refused_and_one_that_it_m
         assert lines(vehicle, "world.current=[0, 0.1, 0]")[0] == []
 
 
-def test_a_leg_faster_than_keeps_it_level_is_said_to_be_slower():
+def test_a_leg_faster_than_keeps_it_level_is_reported_to_be_slower():
     fast = "mission.waypoints=[{position: [9, 0, 3], speed: 0.2, acceptance: 0.2}]"
     _, noted = lines("double_blueye_thesis", fast)
     assert "0.2 m/s are wanted, and it stays level up to 0.12 m/s over ground" in noted[0]
@@ -218,13 +218,13 @@ def test_points_of_the_compass():
 
 
 @pytest.mark.parametrize("flown", ["autopilot=thesis", "autopilot.guidance.steering=crab"])
-def test_an_autopilot_that_keeps_its_heading_is_not_said_to_give_it_up(flown):
+def test_an_autopilot_that_keeps_its_heading_is_not_reported_to_give_it_up(flown):
     refused, noted = lines(NO_SWAY, "world.current=[0, 0.1, 0]", flown, name="station_keeping")
     assert any("keeps its heading and is carried off" in line for line in refused)
     assert not any("given up" in line for line in [*refused, *noted])
 
 
-def test_a_heading_that_staying_level_forbids_is_said_so_with_what_thrust_would_give():
+def test_a_heading_that_staying_level_forbids_is_reported_with_what_thrust_would_give():
     """It was called a top speed, and a flight with model_based was told to fly with model_based."""
     there = "mission.waypoints=[{position: [3, 0, 3], heading_deg: 0, hold_time: 30, acceptance: 0.2}]"
     for current, bow in (("[0, 0.34, 0]", 270), ("[0, -0.34, 0]", 90)):
@@ -238,7 +238,7 @@ def test_a_heading_that_staying_level_forbids_is_said_so_with_what_thrust_would_
     assert "its top speed in sway is 0.25 m/s" in refused[0] and "level" not in refused[0]
 
 
-def test_a_current_that_turns_it_across_is_said_and_refused_where_the_bow_never_comes_round():
+def test_a_current_that_turns_it_across_is_reported_and_refused_where_the_bow_never_comes_round():
     """A slender body turns across the flow. Flown: 0.5 m/s completes, 0.8 and 1.4 m/s end at the attitude limit."""
     pair = [
         {"name": n, "position": [-1.0, y, 0], "direction": [1, 0, 0], "force": 18}

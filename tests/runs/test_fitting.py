@@ -38,7 +38,7 @@ def test_another_vehicle_has_its_own_by_froude_s_law():
     ]
 
 
-def test_what_comes_after_the_end_is_said_never_to_happen():
+def test_what_comes_after_the_end_is_reported_never_to_happen():
     late = ["faults=[{fault: leak, at: 3000}, {fault: leak, at: 30}]", "operator=[{ask: pause, at: 1500}]"]
     scenario = load_scenario("lawnmower_calm", late)
     fault, request = assumptions(scenario, fitted(scenario, load_vehicle("double_blueye").model()))
@@ -77,7 +77,7 @@ def test_what_is_taken_leaves_room_to_turn(lever, slower, speed):
     assert flown == speed or (flown < round(0.115 * (9.81 * length) ** 0.5, 2)) == slower
 
 
-def test_what_is_said_counts():
+def test_what_is_stated_counts():
     points = (
         "mission.waypoints=[{position: [3, 0, 3], speed: 0.3, acceptance: 0.5}, {position: [3, 3, 3], speed: 0.25}]"
     )
@@ -94,7 +94,7 @@ def test_a_long_mission_gets_the_time_it_takes():
     assert made.duration == 4100 and "duration 4100 s" in assumptions(scenario, made)[0]
 
 
-def test_of_a_test_it_is_said_what_was_changed_for_the_vehicle():
+def test_changes_made_to_an_experiment_for_the_vehicle_are_reported():
     scenario = load_scenario("test_mixed", ["vehicle=minerva"])
     made = compose(scenario).scenario
     *notes, limit = assumptions(scenario, made)

@@ -117,7 +117,7 @@ def test_with_a_doppler_log(name):
     assert mean_over(runs, "position_error_rms_m") <= mean_over(runs, "bound_position_m")
 
 
-def test_what_cannot_be_is_said_where_it_stands():
+def test_what_cannot_be_is_reported_where_it_stands():
     with pytest.raises(ConfigError, match=r"autopilot.model_based.navigation.drag_std|autopilot.navigation.drag_std"):
         scenario("lawnmower_calm", "autopilot.navigation.drag_std=-1")
     with pytest.raises(ConfigError, match="bandwidth"):

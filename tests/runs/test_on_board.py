@@ -67,7 +67,7 @@ def test_a_dvl_that_is_bolted_on_flies_at_its_place_and_as_it_points():
     np.testing.assert_allclose(sensors["gyro"].lever, [0.0, -0.28, 0.0])
 
 
-def test_two_of_a_kind_are_numbered_and_said_whose_they_are():
+def test_two_of_a_kind_are_numbered_and_named_by_part():
     found = scenario()
     there = on_board(found, vehicle_of(found))
     assert [there.part_of(name) for name in ("dvl", "dvl_2")] == ["keel.dvl", "bow.dvl"]
@@ -133,7 +133,7 @@ def test_a_vehicle_without_sensors_flies_with_assumed_ones_and_says_so():
     assert "#   gyro (assumed, thesis table 5.7): at [0, 0, 0] m, 100 Hz" in shown.output
 
 
-def test_positions_that_no_part_measures_are_said_before_a_flight():
+def test_positions_that_no_part_measures_are_reported_before_a_flight():
     """The documentation promised it; a vehicle with all sensors but a position flew without a word."""
     lacking = scenario("sensors.position.noise=0.4", vehicle="double_blueye")
     line = assumed_sensors(lacking, vehicle_of(lacking))

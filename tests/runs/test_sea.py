@@ -38,7 +38,7 @@ def test_where_a_mission_wants_to_be():
 
 
 @pytest.mark.parametrize("words", [["square", "mission.waypoints=[{position: [0, 0, 3]}]"], ["test_mixed"]])
-def test_a_heading_that_nobody_asks_for_is_said_to_be_the_start_s(words):
+def test_a_heading_that_nobody_asks_for_is_reported_to_be_the_start_s(words):
     report = sea_report(compose(load_scenario(words[0], [*words[1:], "vehicle=bluerov2", "start.heading_deg=40"])))
     assert "heading 40 deg (that of the start, since nothing asks for one)" in report["line"]
     assert report["places"][0]["heading_asked"] is False
@@ -66,7 +66,7 @@ def test_the_claim_of_the_thesis():
         assert real["places"][0]["available_n"] == pytest.approx(20.0)
 
 
-def test_a_thesis_sea_that_no_water_could_have_is_said_to_be_none():
+def test_a_thesis_sea_that_no_water_could_have_is_refused():
     report = sea_report(compose(load_scenario("lawnmower_waves", ["world.floor=5", STATION])))
     assert report["real_sea"]["verdict"] is None and "break" in report["real_sea"]["line"]
 

@@ -66,6 +66,6 @@ def test_a_start_at_the_surface_is_at_rest_there():
         ("mission={waypoints: [{position: [0, 0, 1]}, {position: [0, 9, 1]}]}", "waypoints\\[1\\].*eastern wall"),
     ],
 )
-def test_no_room_in_the_tank_is_said_before_the_flight(change, message):
+def test_no_room_in_the_tank_is_reported_before_the_flight(change, message):
     with pytest.raises(ConfigError, match=message):
         compose(load_scenario("square", (*SET, change)))

@@ -58,7 +58,7 @@ def test_the_hull_is_held_by_the_floor_that_is_below_it():
     assert around.walls.normals.shape == (3, 3) and np.isclose(around.floor, depth)
 
 
-def test_what_the_hull_touched_is_told_with_times_and_durations():
+def test_what_the_hull_touched_is_reported_with_times_and_durations():
     """By the plant's own geometry: corners against planes, the floor the one that is below them."""
     model = compose(load_scenario("lawnmower_calm")).model
     lowest, foremost = (float(np.max(np.asarray(model.hull.corners)[:, i])) for i in (2, 0))
@@ -108,7 +108,7 @@ def test_an_altitude_over_no_floor_is_refused_though_the_vehicle_carries_the_alt
     assert require_feasible(flown.scenario, flown.model, known_world=False) == []
 
 
-def test_an_altimeter_over_no_floor_is_said_to_give_no_readings():
+def test_an_altimeter_over_no_floor_is_reported_to_give_no_readings():
     """It carried one, the world had no floor, and nobody said why its channel stayed empty."""
     changes = ((), ["world.floor=9"], ["sensors.altimeter=false", "sensors.altimeter_2=false"])
     texts = [assumed_sensors(load_scenario("lawnmower_calm", change), with_altimeters(2)) or "" for change in changes]

@@ -21,7 +21,7 @@ def warnings_of(vehicle, *changes):
     return [line for line in lines(vehicle, *changes)[1] if "expected to" in line]
 
 
-def test_a_dive_that_rolls_the_disc_is_said_with_the_angle_and_what_helps():
+def test_a_dive_that_rolls_the_disc_is_reported_with_the_angle_and_what_helps():
     """Nothing was said; it rolled by 21 degrees in the current, and by 14 to 18 in calm water."""
     (line,) = warnings_of(DISC, ABEAM, DIVE)
     assert "at 0.43 m/s in a current of 0.34 m/s it is expected to roll by up to 20 deg" in line
@@ -79,7 +79,7 @@ def test_the_angle_is_that_of_munks_moment():
 
 
 @pytest.mark.slow
-def test_the_disc_rolls_about_as_far_as_was_said(tmp_path):
+def test_the_disc_rolls_about_as_far_as_was_predicted(tmp_path):
     path = tmp_path / "disc.yaml"
     path.write_text(yaml.safe_dump(DISC))
     summary = fly(load_scenario("square", [f"vehicle={path}", ABEAM, "duration=15"])).summary

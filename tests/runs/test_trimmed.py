@@ -46,7 +46,7 @@ def test_uncommanded_it_keeps_its_depth_and_comes_to_rest_in_yaw(name):
     assert np.degrees(np.abs(np.asarray(turned.nu)[-round(10.0 / DT) :, 5]).sum() * DT) < max(1.0, left_over)
 
 
-def test_only_what_sinks_is_ballasted_and_it_is_said():
+def test_only_what_sinks_is_ballasted_and_it_is_reported():
     model = plant("bluerov2_heavy")
     assert float(model.buoyancy - model.weight) == pytest.approx(0.005 * float(model.weight), abs=1e-3)
     _, text = trimmed(world_for("bluerov2_heavy", [], None))

@@ -173,7 +173,7 @@ def test_a_key_of_a_baseline_opens_the_baseline():
 
 
 @pytest.mark.parametrize("steering", ["ilos", "alos"])
-def test_steering_that_los_has_replaced_is_flown_as_los_and_said(steering, caplog, monkeypatch):
+def test_steering_that_los_has_replaced_is_flown_as_los_and_reported(steering, caplog, monkeypatch):
     _say_replaced.cache_clear()
     # Libraries of other tests of this process set up logging for themselves.
     monkeypatch.setattr(logging.getLogger("rovtwin.scenario.schema.autopilot"), "disabled", False)

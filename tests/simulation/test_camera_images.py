@@ -142,7 +142,7 @@ WRONG = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("what", WRONG)
-def test_a_picture_through_another_lens_is_told_by_its_corners(what, kind):
+def test_a_picture_through_another_lens_is_detected_by_its_corners(what, kind):
     lens, other, text = WRONG[what]
     picture = picture_of(chess(), replace(LEFT, lens=lens), kind)
     with pytest.raises(AssertionError, match=text):
@@ -159,7 +159,7 @@ def test_a_picture_through_another_lens_is_told_by_its_corners(what, kind):
     ],
     ids=["blank", "stripes", "principal point off by 12, 15", "by one pixel"],
 )
-def test_a_picture_without_the_corners_is_told(spoil, message):
+def test_a_picture_without_the_corners_is_detected(spoil, message):
     camera = replace(LEFT, lens=PINHOLE)
     with pytest.raises(AssertionError, match=message):
         check_corners(spoil(picture_of(chess(), camera, "raycast")), chess(), camera, "raycast")

@@ -148,7 +148,7 @@ def test_blackouts():
     assert not value[~valid].any()
 
 
-def test_dropouts_and_outliers_come_as_often_as_said():
+def test_dropouts_and_outliers_come_as_often_as_given():
     sensor = Sensor("position", 500.0, dropout=0.3, outlier=0.05, outlier_size=5.0)
     value, valid, _ = record(sensor, 20_000)
     assert stats.binomtest(int(valid.sum()), 20_000, 0.7).pvalue > 1e-4

@@ -328,7 +328,7 @@ def test_a_body_on_taut_cables_gains_no_energy(sides, stretch):
             assert float(after[-1]) < float(begin), (length, stiffness, share)
 
 
-def test_a_jerk_that_the_iterations_do_not_see_to_its_end_is_told():
+def test_a_jerk_that_the_iterations_do_not_resolve_is_reported():
     """Jerked at 3 m/s, by how much a tension is off: mostly with one iteration a tick, hardly ever with all six."""
     t = jnp.arange(0.0, 10.0, DT)
     places = jnp.stack([5.0 + 3.0 * t, 0.0 * t, 5.0 + 0.0 * t], axis=1)

@@ -123,7 +123,7 @@ def test_inside_the_outline_is_not_left():
     assert U.buffer(-CLEARANCE + 0.01).covers(shapely.LineString(plan.path.points))
 
 
-def test_parts_that_lie_apart_are_joined_and_it_is_said():
+def test_parts_that_lie_apart_are_joined_and_it_is_reported():
     apart = shapely.MultiPolygon([SQUARE.geoms[0], shapely.box(40, 0, 50, 9)])
     plan = plan_survey(apart, SWATH, PACE, CLEARANCE)
     assert plan.coverage == pytest.approx(1.0, abs=1e-6) and plan.detours > 15 and plan.outside > 5

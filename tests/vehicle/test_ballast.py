@@ -63,7 +63,7 @@ OVERRIDES = [
 
 @pytest.mark.parametrize("keys", OVERRIDES, ids=str)
 @pytest.mark.parametrize("density", [None, 1000.0, 1025.0])
-def test_what_is_written_floats_as_wished(keys, density, tmp_path):
+def test_what_is_written_floats_as_requested(keys, density, tmp_path):
     path, out = written(tmp_path, **keys), tmp_path / "out.yaml"
     found = ballast(path, BallastTarget(2.0, True, 0.02), water_density=density, out=out)
     assert 1 <= len(found["pieces"]) <= 4
@@ -177,7 +177,7 @@ def test_foam_goes_up_and_the_rest_stays():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_what_is_said_to_be_reachable_is(seed, tmp_path):
+def test_what_is_reported_reachable_is(seed, tmp_path):
     """Just inside the limit that the message names there is an answer, just outside there is none."""
     rng = np.random.default_rng(seed)
     path = written(tmp_path, restoring={"net_buoyancy": float(rng.uniform(-2, 2))})
@@ -212,7 +212,7 @@ def test_one_place_cannot_level(tmp_path):
         (BallastTarget(1.0), {"materials": Materials(places=[(200.0, 0, 0)])}, "did you mean 200mm"),
     ],
 )
-def test_wishes_that_make_no_sense(command, keys, message, tmp_path):
+def test_targets_that_make_no_sense(command, keys, message, tmp_path):
     with pytest.raises(ConfigError, match=message):
         ballast(written(tmp_path), command, **keys)
 

@@ -137,7 +137,7 @@ def test_null_leaves_a_direction_to_the_parts_and_a_number_replaces_it():
     assert mixed.damping().quadratic_astern[5, 5] == 9.0
 
 
-def test_astern_is_as_ahead_unless_said():
+def test_astern_is_as_ahead_unless_given():
     given = {"added_mass": [1] * 6, "linear_damping": [6.0, 3.0, 1, 1, 1, 1]}
     given["linear_damping_astern"] = [0.5, None, None, None, None, None]
     m = model(hydrodynamics=given, **BALL)

@@ -92,7 +92,7 @@ def test_an_edit_that_would_change_something_else_is_refused():
         ("parts: [", "r", "not YAML"),
     ],
 )
-def test_what_cannot_be_edited_is_said(text, name, message):
+def test_what_cannot_be_edited_is_reported(text, name, message):
     with pytest.raises(ConfigError) as error:
         without_part(text, name, "v.yaml")
     assert message in str(error.value)

@@ -208,7 +208,7 @@ def test_a_mesh_that_is_not_there_and_a_huge_one_are_refused(tmp_path):
         vehicle_from_dict({"name": "v", "shape": {"mesh": "huge.stl"}}, folder=tmp_path)
 
 
-def test_inward_normals_are_turned_and_said(tmp_path):
+def test_inward_normals_are_turned_and_reported(tmp_path):
     inward = make.box(BOX)
     inward.invert()
     path = hull_file(tmp_path, inward)
@@ -216,7 +216,7 @@ def test_inward_normals_are_turned_and_said(tmp_path):
     assert any("hull.stl: normals of 1 of 1 shells pointed inward: turned" in line for line in check(path).findings)
 
 
-def test_shells_are_counted_and_said(tmp_path):
+def test_shells_are_counted_and_reported(tmp_path):
     two = trimesh.util.concatenate([make.box(BOX), make.box(BOX).apply_translation([0.3, 0, 0])])
     assert any("2 shells, whose volumes are added" in line for line in check(hull_file(tmp_path, two)).findings)
 
@@ -240,7 +240,7 @@ def millimetres(folder, sensor, rov):
     ],
     ids=["mass", "whole", "length"],
 )
-def test_a_small_mesh_in_millimetres_is_said(tmp_path, sensor, rov, message):
+def test_a_small_mesh_in_millimetres_is_reported(tmp_path, sensor, rov, message):
     (line,) = millimetres(tmp_path, dict(sensor), rov)
     assert "sensor: its mesh" in line and message in line
 

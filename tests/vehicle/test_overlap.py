@@ -26,7 +26,7 @@ def lines(one):
 
 
 @pytest.mark.parametrize("name", list_library())
-def test_nothing_is_said_of_the_library(name):
+def test_there_is_no_finding_on_the_library(name):
     one = load_vehicle(name)
     assert not overlaps(one.file, one.name)
 

@@ -109,7 +109,7 @@ def flown(model: Model, axis: int, sign: float, speed: float, coasting: bool) ->
 
 @pytest.mark.parametrize("thruster", THRUSTERS, ids=str)
 @pytest.mark.parametrize("net", [0.0, 3.0])
-def test_the_plant_stops_where_it_is_said(thruster, net):
+def test_the_plant_stops_where_it_is_stated(thruster, net):
     model = simple(5.0, ahead=20.0, astern=15.0, net=net, **thruster)
     able = performance(model)["heave"]
     for direction, sign in zip(DIRECTIONS["heave"][1], (1.0, -1.0), strict=True):

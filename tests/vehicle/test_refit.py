@@ -104,7 +104,7 @@ def test_names_of_spare_sensors_follow_a_part_with_thrusters(own):
     assert "  - imu  # noisy\n" in remove(own, "second", own).text
 
 
-def test_what_lies_inside_the_hull_is_said():
+def test_what_lies_inside_the_hull_is_reported():
     (note,) = add("double_blueye", "imaging_sonar", [0, 0.28, 0]).notes
     assert note.startswith("'imaging_sonar' and 'double_blueye.starboard' overlap: 100 % of 'imaging_sonar', 176 mm")
     assert note.endswith("is free 176 mm further to starboard, at 0,0.456,0")
@@ -160,7 +160,7 @@ def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
         (("double_blueye", "dvl_a50", [-200, 0, 160]), "expected its place in metres, -0.2,0,0.16"),
     ],
 )
-def test_mistakes_are_said_with_the_fix(asked, message):
+def test_mistakes_are_reported_with_the_fix(asked, message):
     with pytest.raises(ConfigError) as error:
         add(*asked)
     assert message in str(error.value)

@@ -102,8 +102,8 @@ def _row(name: str, result: Identification, guess: Vehicle, true: Vehicle) -> li
     value = result.values[name]
     of = [vehicle.to_dict()["hydrodynamics"][family][0] for vehicle in (guess, true)]
     unit = next(p.unit for p in result.parameters.free if p.name == name)
-    said = f"{value:.3g} ({low:.3g} to {high:.3g})"
-    return [f"{family.replace('_', ' ')}, {axis} [{unit}]", f"{of[0]:.3g}", said, f"{of[1]:.3g}"]
+    text = f"{value:.3g} ({low:.3g} to {high:.3g})"
+    return [f"{family.replace('_', ' ')}, {axis} [{unit}]", f"{of[0]:.3g}", text, f"{of[1]:.3g}"]
 
 
 def _picture(folder: Path) -> np.ndarray:

@@ -172,7 +172,7 @@ def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
             "NEES of the position is 2 on average for a filter that knows its own error.",
         ),
     ]
-    return [[what, said, *(measure(f) for f in flights.values()), note] for what, said, measure, note in rows]
+    return [[what, text, *(measure(f) for f in flights.values()), note] for what, text, measure, note in rows]
 
 
 def _number(flight: Flight, key: str, unit: str) -> str:

@@ -67,7 +67,7 @@ def test_decay_from_a_log_of_another_kind_needs_its_vehicle(tmp_path, monkeypatc
     assert code == 2 and "--vehicle" in err
 
 
-def test_radians_and_degrees_are_told_by_the_name(tmp_path):
+def test_radians_and_degrees_are_distinguished_by_the_name(tmp_path):
     _, degrees = read_angle(write_decay(tmp_path / "a.csv", header="time,Roll [deg]"), "roll")
     _, radians = read_angle(write_decay(tmp_path / "b.csv", header="time,phi"), "roll")
     assert np.degrees(degrees) == pytest.approx(radians)

@@ -70,7 +70,7 @@ def test_a_bad_held_out_log_is_left_out_and_the_fit_goes_on(run):
     assert any(f.startswith("bad was to be held out and is left out: gyro: ") for f in data["findings"])
 
 
-def test_what_is_left_out_is_said_on_the_screen_and_in_the_report(run, monkeypatch, logs):
+def test_what_is_left_out_is_reported_on_the_screen_and_in_the_report(run, monkeypatch, logs):
     output, _ = run("good", "--validate", "bad")
     assert "bad was to be held out and is left out: gyro: " in " ".join(output.output.split())
     kept = {}
@@ -97,7 +97,7 @@ def test_a_bad_log_that_is_to_be_fitted_is_refused_and_the_way_out_is_that_log(r
     assert "--trust 'good'" not in str(result.exception)
 
 
-def test_trust_is_of_one_log_and_still_says_what_the_checks_said(run):
+def test_trust_is_of_one_log_and_findings_of_the_checks_stay(run):
     result, seen = run("good", "bad", "--fit-share", 1, "--trust", "bad", "--json")
     assert result.exit_code == 0, result.output
     assert seen["fit"] == ["good", "bad"]

@@ -247,7 +247,7 @@ def event(k, level="info", text=None):
     return {"t": float(k), "clock": f"12:00:{k % 60:02d}", "level": level, "text": text or f"event {k}"}
 
 
-def test_events_are_newest_first_and_told_apart_by_level(page):
+def test_events_are_newest_first_and_distinguished_by_level(page):
     happen(page, event(1), event(2, "danger", "<img src=x onerror=alert(1)>"), event(3, "warning"))
     happen(page, event(2, "danger", "<img src=x onerror=alert(1)>"))  # sent again after a lost connection
     rows = page.locator("#events li")

@@ -194,7 +194,7 @@ def test_the_heading_tells_a_good_model_from_a_weak_one(result):
     assert verdict(lost, now).headline.startswith("Not to be relied on: "), "however well it predicts"
 
 
-def test_excitation_tells_what_never_moved_from_what_cannot_be_told_apart(result):
+def test_excitation_distinguishes_what_never_moved_from_what_cannot_be_separated(result):
     text = dict(zip(result.parameters.names, excitation(result), strict=True))
     assert text["added_mass.surge"] == "excited"
     assert text["quadratic_damping.roll"] == "not excited"
@@ -254,7 +254,7 @@ def test_report_and_estimate_mean_the_same_by_a_coupling():
         assert is_coupling(name) == (place_of(name) is not None), name
 
 
-def test_coloured_residuals_widen_what_is_said_of_the_intervals(result):
+def test_coloured_residuals_widen_the_intervals(result):
     assert "every reading counts as one" in assumptions(result)[-1]
     coloured = replace(result, residuals={"gyro.p": residual_series(coloured=True)})
     assert "15 readings of gyro.p count as one" in assumptions(coloured)[-1]

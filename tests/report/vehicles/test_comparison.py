@@ -169,7 +169,7 @@ def test_for_a_machine(monkeypatch, capsys):
     ("words", "message"),
     [(["double_blueye"], "give two or more"), (["double_blueye", "double_bluye"], "double_blueye")],
 )
-def test_what_cannot_be_compared_is_said(monkeypatch, capsys, words, message):
+def test_what_cannot_be_compared_is_reported(monkeypatch, capsys, words, message):
     code, out = run(monkeypatch, capsys, *words)
     assert code == 2 and message in out.err and "Traceback" not in out.err
 
