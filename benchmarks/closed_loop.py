@@ -16,14 +16,14 @@ from rovtwin.simulation.sensors.sensor import Sensor
 SCENARIO = "lawnmower_calm"
 
 
-def composed(overrides: tuple[str, ...] = ("autopilot=thesis",), seed: int = 1):
+def simulation(overrides: tuple[str, ...] = ("autopilot=thesis",), seed: int = 1):
     return compose(load_scenario(SCENARIO, overrides, seed=seed))
 
 
 def single(quick: bool) -> dict[str, Any]:
     """One vehicle, one simulated second a call as runs do; simulated seconds per second, and the ratio to NumPy."""
     calls, few, rounds = (2, 5, 3) if quick else (60, 25, 11)
-    run = composed()
+    run = simulation()
     dt, substeps = run.scenario.control_dt, run.scenario.substeps
     ticks = round(1.0 / dt)
     host = HostLoop(run.loop, run.key, run.start, dt, ticks)
@@ -52,7 +52,7 @@ def batch(quick: bool) -> dict[str, Any]:
     sizes, calls, rounds = ((4,), 1, 2) if quick else ((1, 10, 32), 10, 5)
     results = {}
     for n in sizes:
-        runs = [composed(seed=seed + 1) for seed in range(n)]
+        runs = [simulation(seed=seed + 1) for seed in range(n)]
         dt = runs[0].scenario.control_dt
         ticks = round(1.0 / dt)
         loops = stack([run.loop for run in runs])
@@ -71,7 +71,9 @@ def batch(quick: bool) -> dict[str, Any]:
 def same_flight(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Paths of the compiled and of the NumPy loop with sensors that do not err, shapes (n, 6): the two do the same."""
     # Nearly deep enough and pointing elsewhere: it dives, turns, goes and reaches a way-point in little time.
-    run = composed(("start={position: [4.5, 0.3, 2.85], heading_deg: 40}", "autopilot.controller.gains=pole_placement"))
+    run = simulation(
+        ("start={position: [4.5, 0.3, 2.85], heading_deg: 40}", "autopilot.controller.gains=pole_placement")
+    )
     quiet = {
         name: Sensor(name, sensor.rate / 1000, physics_rate_hz=sensor.physics_rate / 1000)
         for name, sensor in run.loop.twin.sensors.items()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.closed_loop import composed
+from benchmarks.closed_loop import simulation
 from rovtwin.core.flow import Measurement
 from rovtwin.runs.loop import start_loop
 from rovtwin.runs.realtime import HostAutopilot
@@ -26,7 +26,7 @@ def readings(rng: np.random.Generator, tick: int, dt: float) -> list[Measurement
 def tick(quick: bool) -> dict[str, Any]:
     """Median and 99th percentile of a tick [s]; a tick that only hands over the vectors, for comparison."""
     ticks = 200 if quick else 5_000
-    run = composed()
+    run = simulation()
     dt = run.scenario.control_dt
     memory = start_loop(run.loop, run.key, run.start, dt)
     autopilot = HostAutopilot(run.loop.autopilot, memory.autopilot, memory.measurements, dt)

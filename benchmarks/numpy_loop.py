@@ -27,10 +27,10 @@ def skew(a):
 class NumpyLoop:
     """One vehicle and its autopilot; `tick()` moves both on by one control period."""
 
-    def __init__(self, composed: Any, noise: float = 1.0, seed: int = 0):
+    def __init__(self, simulation: Any, noise: float = 1.0, seed: int = 0):
         """From `composition.compose(...)`; `noise` scales the sensors' noise and bias."""
-        loop, scenario = composed.loop, composed.scenario
-        self.plant, self.model = oracle.plant_of(loop.twin.model), oracle.plant_of(composed.model)
+        loop, scenario = simulation.loop, simulation.scenario
+        self.plant, self.model = oracle.plant_of(loop.twin.model), oracle.plant_of(simulation.model)
         self.dt, self.substeps = scenario.control_dt, scenario.substeps
         self.h = self.dt / self.substeps
         self.rng = np.random.default_rng(seed)
@@ -39,7 +39,7 @@ class NumpyLoop:
             name: (s.rate / 1000.0, np.asarray(s.noise), np.asarray(s.bias)) for name, s in loop.twin.sensors.items()
         }
         self._tune(loop.autopilot)
-        position, euler = np.asarray(composed.start.position), np.array([0.0, 0.0, scenario.heading])
+        position, euler = np.asarray(simulation.start.position), np.array([0.0, 0.0, scenario.heading])
         n = self.plant.T.shape[1]
         self.x, self.thrust = np.concatenate([position, euler, np.zeros(6)]), np.zeros(n)
         self.estimate, self.thrust_hat = np.concatenate([self.x, np.zeros(6)]), np.zeros(n)

@@ -88,10 +88,10 @@ class FakeBuilder:
 
     def begin(self):
         link, mux = FakeLink(self.calls), SimpleNamespace(read=list, drain=lambda: None, zero=0.0)
-        composed = SimpleNamespace(sensor_names=["position"], thruster_names=["port"])
+        simulation = SimpleNamespace(sensor_names=["position"], thruster_names=["port"])
         readiness = SimpleNamespace(start=None, missing=())
         self._made = SimpleNamespace(
-            link=link, mux=mux, composed=composed, readiness=readiness, helm=FakeHelm(), close=link.close
+            link=link, mux=mux, simulation=simulation, readiness=readiness, helm=FakeHelm(), close=link.close
         )
         self._made.watch = FakeWatch()
 
@@ -417,9 +417,9 @@ class Moored(Helm):
 def moored(bridge, scenario, twin, at=None, model=None):
     """Gives the bridge an engine with such a vehicle; what it is asked to fly is appended to the list."""
     model, taken = model or load_vehicle("double_blueye").model(), []
-    composed = SimpleNamespace(model=model, loop=SimpleNamespace(twin=SimpleNamespace(model=model)))
+    simulation = SimpleNamespace(model=model, loop=SimpleNamespace(twin=SimpleNamespace(model=model)))
     bridge._engine = SimpleNamespace(
-        vessel=SimpleNamespace(helm=Moored(model, at), composed=composed),
+        vessel=SimpleNamespace(helm=Moored(model, at), simulation=simulation),
         is_twin=twin,
         switch=SimpleNamespace(armed=at is not None),
         scenario_with=lambda w: scenario.model_copy(update={"mission": MissionSection(waypoints=w)}),

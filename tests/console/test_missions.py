@@ -28,20 +28,20 @@ HOME = [(1, 1)]
 
 
 @pytest.fixture(scope="module")
-def composed():
+def simulation():
     """Of a scenario whose own plan, seven way-points, is never flown here."""
     return compose(load_scenario("lawnmower_calm", ["autopilot=model_based"]))
 
 
-def with_plan(composed, places):
+def with_plan(simulation, places):
     points = [Waypoint(position=[float(x), float(y), 2.0], speed=0.2, acceptance=0.2) for x, y in places]
-    return composed.scenario.model_copy(update={"mission": MissionSection(waypoints=points)})
+    return simulation.scenario.model_copy(update={"mission": MissionSection(waypoints=points)})
 
 
 @pytest.fixture
-def flight(composed, tmp_path):
+def flight(simulation, tmp_path):
     """Armed before anything was planned; no thrust, no sensors."""
-    made = FlightLog(composed.scenario, composed, SimpleNamespace(), tmp_path / "runs" / "one")
+    made = FlightLog(simulation.scenario, simulation, SimpleNamespace(), tmp_path / "runs" / "one")
     made.begin(ARMED, "2026-11-26T06:00:00Z")
     return made
 
@@ -54,12 +54,12 @@ def fly(flight, start, end, phase):
     flight._log.write_many("autopilot/mode", t, mode)
 
 
-def flown_square_then_home(flight, composed):
+def flown_square_then_home(flight, simulation):
     """Three seconds armed, a square from then on, home from 6 s, until 9 s."""
     fly(flight, 0.0, 3.0, PAUSED)
-    flight.flown(with_plan(composed, SQUARE), ARMED + 3.0)
+    flight.flown(with_plan(simulation, SQUARE), ARMED + 3.0)
     fly(flight, 3.0, 6.0, GO)
-    flight.flown(with_plan(composed, HOME), ARMED + 6.0)
+    flight.flown(with_plan(simulation, HOME), ARMED + 6.0)
     fly(flight, 6.0, 9.0, FINISHED)
 
 
@@ -67,8 +67,8 @@ def places(points):
     return [tuple(point["position"][:2]) for point in points]
 
 
-def test_what_was_started_is_what_replay_report_and_map_show(flight, composed):
-    flown_square_then_home(flight, composed)
+def test_what_was_started_is_what_replay_report_and_map_show(flight, simulation):
+    flown_square_then_home(flight, simulation)
     flight.close("disarmed")
     recording = Recording.open(flight.folder)
     assert [recording.state(t)["count"] for t in (1.0, 4.0, 7.0)] == [0, 3, 1]
@@ -87,9 +87,9 @@ def test_what_was_started_is_what_replay_report_and_map_show(flight, composed):
     assert len(load_scenario(str(flight.folder / "scenario.yaml"), (), None).waypoints) == 1
 
 
-def test_one_mission_is_numbered_as_before(flight, composed):
+def test_one_mission_is_numbered_as_before(flight, simulation):
     fly(flight, 0.0, 1.0, GO)
-    flight.flown(with_plan(composed, SQUARE), ARMED + 1.0)
+    flight.flown(with_plan(simulation, SQUARE), ARMED + 1.0)
     fly(flight, 1.0, 2.0, GO)
     flight.close("disarmed")
     log = Log.read(flight.folder / "log.mcap")
@@ -105,8 +105,8 @@ def test_a_plan_that_was_never_started_was_not_flown(flight):
     assert Flight(recording.log).waypoints == [] and map_of(recording.log).waypoints == []
 
 
-def test_a_killed_engine_leaves_what_it_flew(flight, composed, tmp_path):
-    flown_square_then_home(flight, composed)
+def test_a_killed_engine_leaves_what_it_flew(flight, simulation, tmp_path):
+    flown_square_then_home(flight, simulation)
     flight._log.flush()
     shutil.copy(flight.folder / "log.mcap", tmp_path / "killed.mcap")
     flight.close("")
@@ -115,11 +115,11 @@ def test_a_killed_engine_leaves_what_it_flew(flight, composed, tmp_path):
     assert [(one.t, places(one.waypoints)) for one in missions] == [(3.0, SQUARE), (6.0, HOME)]
 
 
-def test_a_mission_that_is_started_writes_itself_only(flight, composed, monkeypatch):
+def test_a_mission_that_is_started_writes_itself_only(flight, simulation, monkeypatch):
     written = []
     monkeypatch.setattr(flight._log, "annotate", written.append)
     for k in range(3):
-        flight.flown(with_plan(composed, SQUARE if k < 2 else HOME), ARMED + k)
+        flight.flown(with_plan(simulation, SQUARE if k < 2 else HOME), ARMED + k)
     assert len({key for one in written for key in one if key != "mission"}) == 3
     assert len(str(written[1])) == len(str(written[0])) > len(str(written[2]))
     flight._log.close()

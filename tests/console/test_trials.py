@@ -37,13 +37,13 @@ def scenario():
 
 
 @pytest.fixture(scope="module")
-def composed(scenario):
+def simulation(scenario):
     return compose(scenario)
 
 
 @pytest.fixture(scope="module")
-def helm(composed, scenario):
-    return ExperimentHelm(composed, scenario)
+def helm(simulation, scenario):
+    return ExperimentHelm(simulation, scenario)
 
 
 class Standing(Clock):
@@ -93,9 +93,9 @@ def test_hand_is_counted_down():
     ]
 
 
-def test_experiment_helm_rests_until_started_and_after_an_abort_begins_anew(helm, composed):
+def test_experiment_helm_rests_until_started_and_after_an_abort_begins_anew(helm, simulation):
     quiet = (0.0, 0.0, 0.0)
-    helm.restart(composed.start)
+    helm.restart(simulation.start)
     for _ in range(5):
         assert not np.any(helm.tick((), quiet).u)
     helm.start()
@@ -109,7 +109,7 @@ def test_experiment_helm_rests_until_started_and_after_an_abort_begins_anew(helm
     assert not np.any(helm.tick((), quiet).u) and helm.is_idle
 
 
-def test_what_ended_first_is_how_a_test_ended(helm, composed, scenario):
+def test_what_ended_first_is_how_a_test_ended(helm, simulation, scenario):
     """Minutes after a test the computer may be busy: it is no longer the test's."""
 
     sizes, now = {"position": 2, "pressure": 1, "attitude": 3, "gyro": 3}, itertools.count()
@@ -120,7 +120,7 @@ def test_what_ended_first_is_how_a_test_ended(helm, composed, scenario):
             helm.tick([Measurement(name, np.zeros(n), t) for name, n in sizes.items()], (0.0, 0.0, late))
         return PHASES[int(helm.output.setpoint.phase)], REASONS[int(helm.output.setpoint.reason)]
 
-    helm.restart(composed.start)
+    helm.restart(simulation.start)
     helm.start()
     assert ticks(202) == ("finished", "")
     assert ticks(150, late=100.0) == ("finished", "") and helm.is_over
@@ -131,15 +131,15 @@ def test_what_ended_first_is_how_a_test_ended(helm, composed, scenario):
     helm.idle()
 
 
-def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, composed, scenario, tmp_path):
+def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, simulation, scenario, tmp_path):
     """A whole test against the twin's link: the simulated hand tilts when the test says so, whenever that is."""
     clock, dt = Standing(1.0), scenario.control_dt
-    world = WorldLink(composed, dt, clock)
-    helm.restart(composed.start)
+    world = WorldLink(simulation, dt, clock)
+    helm.restart(simulation.start)
     before = round(ZERO / dt)
     world._tick = before  # as if the engine had listened for a while
     world.tell(("test", ZERO))
-    log = FlightLog(scenario, composed, helm, tmp_path / "run")
+    log = FlightLog(scenario, simulation, helm, tmp_path / "run")
     log.begin(ZERO, "2026-05-01T12:00:00.250Z")
     helm.start()
     tilted = []
@@ -158,6 +158,6 @@ def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, c
     assert json.loads(reported.metadata["test"])[2]["hand"] and reported.metadata["live"] == "true"
     assert datum_of(reported.metadata).utc_start == "2026-05-01T12:00:00.250000Z"
     assert abs(reported["sensor/gyro"]["t_valid"][-1] - reported["sensor/gyro"].t[-1]) < 0.1
-    pull, release = read_records(tmp_path / "run" / "log.mcap", composed.vehicle)
+    pull, release = read_records(tmp_path / "run" / "log.mcap", simulation.vehicle)
     assert pull.duration == pytest.approx(1.5, abs=0.05)
     assert release.duration == pytest.approx(1.0, abs=0.05)  # half a second less: hands are slow

@@ -30,9 +30,9 @@ SECONDS, ZERO = 65.0, 7.0  # of the flight; an engine's clock when it is armed
 class Scripted:
     """A helm whose ticks are those of a log: readings on an engine's clock, and the commands that were given."""
 
-    def __init__(self, given, composed):
+    def __init__(self, given, simulation):
         _, self._slots, self._command = ticks_of(given, 0.0, given.duration)
-        self._sensors, self.row = len(composed.sensor_names), (-1, -1)
+        self._sensors, self.row = len(simulation.sensor_names), (-1, -1)
 
     def tick(self):
         self.row = (self.row[0] + 1,) * 2
@@ -65,17 +65,17 @@ def known(tmp_path_factory):
 @pytest.fixture(scope="module")
 def flown(known, tmp_path_factory):
     """A flight with a port thruster of 50 % and 4 N of weight more: the watch, its events, its summary, its log."""
-    scenario, composed = known
-    model, vehicle = composed.vehicle.model(), composed.vehicle
+    scenario, simulation = known
+    model, vehicle = simulation.vehicle.model(), simulation.vehicle
     factors = Factors.of(model, vehicle.thruster_names, 1.0)
     theta = np.zeros(len(factors.each))
     theta[factors.names.index("force.port.surge")] = np.log(0.5)
     theta[factors.names.index("restoring.net_buoyancy")] = -4.0
     t, u = steps_command(vehicle, 3, SECONDS, hold=5.0)
     given = record(changed(model, jnp.asarray(theta)), t, 0.5 * u, SECONDS, 3)
-    watch, helm = VehicleWatch(composed, scenario), Scripted(given, composed)
+    watch, helm = VehicleWatch(simulation, scenario), Scripted(given, simulation)
     folder = tmp_path_factory.mktemp("flown")
-    log = FlightLog(scenario, composed, helm, folder / "run", watch)
+    log = FlightLog(scenario, simulation, helm, folder / "run", watch)
     log.begin(ZERO, "2026-05-01T12:00:00.250Z")
     news = []
     for k in range(round(SECONDS / DT)):
@@ -121,8 +121,8 @@ def test_the_next_flight_begins_with_nothing(flown):
 
 
 def test_a_mistake_in_it_ends_no_flight_and_no_log(known, monkeypatch):
-    scenario, composed = known
-    watch = VehicleWatch(composed, scenario)
+    scenario, simulation = known
+    watch = VehicleWatch(simulation, scenario)
     watch.begin().found = Found([], [], [], 20.0)
     monkeypatch.setattr(watch, "_rows_of", lambda found: 1 / 0)
     assert watch.news() == "" and watch.news() == "" and watch.names == []
@@ -130,14 +130,14 @@ def test_a_mistake_in_it_ends_no_flight_and_no_log(known, monkeypatch):
 
 
 def test_what_is_not_watched_says_why(known, tmp_path):
-    scenario, composed = known
-    test = VehicleWatch(composed, scenario.model_copy(update={"test": "any"}))
+    scenario, simulation = known
+    test = VehicleWatch(simulation, scenario.model_copy(update={"test": "any"}))
     assert test.begin() is None and test.message(armed=True)["note"] == f"Not watched: {IN_A_TEST}."
-    blind = SimpleNamespace(loop=SimpleNamespace(twin=SimpleNamespace(sensors={})), vehicle=composed.vehicle)
+    blind = SimpleNamespace(loop=SimpleNamespace(twin=SimpleNamespace(sensors={})), vehicle=simulation.vehicle)
     watch = VehicleWatch(blind, scenario)
     message = watch.message(armed=True)
     assert not message["watched"] and message["note"] == "Not watched: no attitude or no gyro on board."
-    log = FlightLog(scenario, composed, None, tmp_path / "run", watch)
+    log = FlightLog(scenario, simulation, None, tmp_path / "run", watch)
     assert log.close("disarmed")["monitor"] == "did not run: no attitude or no gyro on board"
     assert "monitor/value" not in Log.read(tmp_path / "run" / "log.mcap")
 

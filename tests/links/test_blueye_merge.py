@@ -14,7 +14,7 @@ from rovtwin.vehicle.physics import measurement
 from rovtwin.vehicle.physics.dynamics import State
 from rovtwin.vehicle.physics.thrusters import static_force, thrusters_from
 
-HEARD = (False, False)
+NONE_SILENT = (False, False)
 EULER = np.array([0.2, -0.1, 2.0])
 NU = np.array([0.5, -0.2, 0.1, 0.1, -0.2, 0.4])
 NU_DOT = np.array([0.1, 0.2, -0.1, 0.05, 0.1, -0.2])
@@ -51,7 +51,7 @@ def at_co() -> dict[str, np.ndarray]:
 
 def test_mean_of_both_is_what_co_reads_exactly():
     port, starboard = seen_at(LEVERS[0], 1.0), seen_at(LEVERS[1], 1.0)
-    found = by_sensor(Merge(np.array(LEVERS)).join((port, starboard), 1.0, HEARD))
+    found = by_sensor(Merge(np.array(LEVERS)).join((port, starboard), 1.0, NONE_SILENT))
     for sensor, value in at_co().items():
         np.testing.assert_allclose(found[sensor], value, atol=1e-6, err_msg=sensor)
 
@@ -70,8 +70,8 @@ def test_one_alone_is_moved_to_co(side):
 
 def test_one_waits_for_the_other_for_a_tenth_of_a_second():
     merge = Merge(np.array(LEVERS))
-    assert merge.join(([reading("pressure", [1.0], 1.0)], []), 1.05, HEARD) == []
-    (found,) = merge.join(([], []), 1.11, HEARD)
+    assert merge.join(([reading("pressure", [1.0], 1.0)], []), 1.05, NONE_SILENT) == []
+    (found,) = merge.join(([], []), 1.11, NONE_SILENT)
     assert found.sensor == "pressure" and found.t_valid == 1.0
 
 
@@ -79,16 +79,16 @@ def test_a_clock_that_is_set_back_is_followed():
     merge = Merge(np.array(LEVERS))
     for t in (5000.0, 1400.0, 1400.02):
         pair = ([reading("pressure", [1.0], t)], [reading("pressure", [2.0], t)])
-        (found,) = merge.join(pair, t, HEARD)
+        (found,) = merge.join(pair, t, NONE_SILENT)
         assert found.t_valid == t
     late = ([reading("pressure", [1.0], 1400.01)], [reading("pressure", [2.0], 1400.01)])
-    assert merge.join(late, 1400.03, HEARD) == []
+    assert merge.join(late, 1400.03, NONE_SILENT) == []
 
 
 def test_reading_that_comes_late_joins_the_one_that_waited():
     merge = Merge(np.array(LEVERS))
-    merge.join(([reading("pressure", [1.0], 1.0)], []), 1.01, HEARD)
-    (found,) = merge.join(([], [reading("pressure", [2.0], 1.02)]), 1.02, HEARD)
+    merge.join(([reading("pressure", [1.0], 1.0)], []), 1.01, NONE_SILENT)
+    (found,) = merge.join(([], [reading("pressure", [2.0], 1.02)]), 1.02, NONE_SILENT)
     assert found.value == pytest.approx([1.5]) and found.t_valid == pytest.approx(1.01)
 
 
@@ -96,7 +96,7 @@ def test_lost_reading_does_not_shift_the_pairs():
     merge = Merge(np.array(LEVERS))
     port = [reading("pressure", [k], 0.02 * k) for k in range(1, 50)]
     starboard = [reading("pressure", [k], 0.02 * k + 0.001) for k in range(1, 50) if k != 20]
-    found = merge.join((port, starboard), 1.0, HEARD)
+    found = merge.join((port, starboard), 1.0, NONE_SILENT)
     assert [r.value[0] for r in found] == pytest.approx(list(range(1, 50)))
     assert [r.t_valid for r in found] == sorted({r.t_valid for r in found})
 
@@ -104,26 +104,26 @@ def test_lost_reading_does_not_shift_the_pairs():
 def test_headings_on_both_sides_of_south():
     merge = Merge(np.array(LEVERS))
     port, starboard = reading("attitude", [0, 0, np.pi - 0.1], 0.0), reading("attitude", [0, 0, -np.pi + 0.3], 0.0)
-    (found,) = merge.join(([port], [starboard]), 0.0, HEARD)
+    (found,) = merge.join(([port], [starboard]), 0.0, NONE_SILENT)
     np.testing.assert_allclose(found.value, [0, 0, -np.pi + 0.1], atol=1e-12)
 
 
 def test_battery_and_leak_are_the_worse_of_both():
     merge = Merge(np.array(LEVERS))
     port = [reading("battery", [0.9, 30.0], 1.0), reading("leak", [1.0], 1.0)]
-    assert len(merge.join((port, []), 1.0, HEARD)) == 2
+    assert len(merge.join((port, []), 1.0, NONE_SILENT)) == 2
     starboard = [reading("battery", [0.5, 40.0], 1.5), reading("leak", [0.0], 1.5)]
-    found = by_sensor(merge.join(([], starboard), 1.5, HEARD))
+    found = by_sensor(merge.join(([], starboard), 1.5, NONE_SILENT))
     np.testing.assert_allclose(found["battery"], [0.5, 70.0])
     np.testing.assert_allclose(found["leak"], [1.0])
-    found = by_sensor(merge.join(([], [reading("battery", [0.4, 40.0], 20.0)]), 20.0, HEARD))
+    found = by_sensor(merge.join(([], [reading("battery", [0.4, 40.0], 20.0)]), 20.0, NONE_SILENT))
     np.testing.assert_allclose(found["battery"], [0.4, 40.0])
 
 
 def test_memory_is_bounded_when_one_is_silent():
     merge = Merge(np.array(LEVERS))
-    found = merge.join(([reading("gyro", [0, 0, k], 1e-4 * k) for k in range(1, 5000)], []), 0.5, HEARD)
-    found += merge.join(([], []), 10.0, HEARD)
+    found = merge.join(([reading("gyro", [0, 0, k], 1e-4 * k) for k in range(1, 5000)], []), 0.5, NONE_SILENT)
+    found += merge.join(([], []), 10.0, NONE_SILENT)
     assert [r.value[2] for r in found] == list(range(1, 5000))
     assert not any(waiting for sides in merge._waiting.values() for waiting in sides)
 

@@ -268,13 +268,13 @@ def scenario():
 @pytest.fixture(scope="module", autouse=True)
 def once():
     """Composed and compiled once: an autopilot that goes on from where it was is good enough for what ends a flight."""
-    compose, composed, autopilot = live.compose, {}, []
+    compose, simulation, autopilot = live.compose, {}, []
 
     def composed_once(scenario):
         COMPOSED.append(scenario)
-        if scenario.name not in composed:
-            composed[scenario.name] = compose(scenario)
-        return composed[scenario.name]
+        if scenario.name not in simulation:
+            simulation[scenario.name] = compose(scenario)
+        return simulation[scenario.name]
 
     def made(*arguments):
         if not autopilot:

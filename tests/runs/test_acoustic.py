@@ -33,12 +33,12 @@ def test_every_scenario_comes_with_an_underwater_gps():
 def test_an_underwater_gps_bolted_on_errs_too():
     parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
     vehicle = vehicle_from_dict({"name": "v", "parts": parts})
-    composed = compose(load_scenario("lawnmower_calm", ["autopilot=model_based"]), vehicle=vehicle)
-    assert composed.loop.twin.sensors["position"].errors is not None
-    along, across, growth = composed.loop.autopilot.observer.tuning.mounts["position"].sight
+    simulation = compose(load_scenario("lawnmower_calm", ["autopilot=model_based"]), vehicle=vehicle)
+    assert simulation.loop.twin.sensors["position"].errors is not None
+    along, across, growth = simulation.loop.autopilot.observer.tuning.mounts["position"].sight
     assert 0.11 < along < 0.45 < across and growth > 0.041
     # It tells less than 2 Hz of white noise of 35 mm, and more than its slow error alone would.
-    assert 0.03 < composed.bound(0.2)[0] < 0.45
+    assert 0.03 < simulation.bound(0.2)[0] < 0.45
 
 
 def test_identification_is_given_the_errors_of_an_underwater_gps():

@@ -41,7 +41,7 @@ def test_a_moment_at_its_depth_on_the_second_half_of_the_leg_is_enough():
 @pytest.mark.slow
 def test_a_run_that_finished_without_diving_is_not_completed():
     """It was: a run counted as completed as soon as guidance had finished."""
-    composed = compose(load_scenario("square", ONE))
-    summary = summarise(at(0.5), composed, interrupted=False)
+    simulation = compose(load_scenario("square", ONE))
+    summary = summarise(at(0.5), simulation, interrupted=False)
     assert not summary["completed"] and "was passed at a depth of 0.5 m" in summary["reason"]
-    assert summarise(at(3.0), composed, interrupted=False)["completed"]
+    assert summarise(at(3.0), simulation, interrupted=False)["completed"]

@@ -100,9 +100,9 @@ def test_the_written_scenario_has_the_same_faults(flight):
 
 
 def test_without_faults_there_is_nothing(short):
-    composed = compose(short)
-    assert composed.loop.twin.faults is None and composed.faults == []
-    assert all(s.frozen is None and s.offsets is None for s in composed.loop.twin.sensors.values())
+    simulation = compose(short)
+    assert simulation.loop.twin.faults is None and simulation.faults == []
+    assert all(s.frozen is None and s.offsets is None for s in simulation.loop.twin.sensors.values())
 
 
 WRONG = {
@@ -233,13 +233,13 @@ def test_a_gauge_of_a_part_tells_nothing_without_a_battery_and_no_rule_waits_for
         require_feasible(load_scenario("square", [rule]), vehicle.model())
     assert not require_feasible(load_scenario("square", [rule]), vehicle.model(), known_world=False)  # a real one
     for settings, reported in (([], 0), (["battery=true", rule], 1)):
-        composed = compose(load_scenario("square", settings), vehicle=vehicle)
-        lines = listed(composed.scenario, vehicle)
+        simulation = compose(load_scenario("square", settings), vehicle=vehicle)
+        lines = listed(simulation.scenario, vehicle)
         assert any("silent: no battery is simulated" in line for line in lines) == (not reported)
-        twin = composed.loop.twin
-        state = State.at(twin.model, composed.start)
+        twin = simulation.loop.twin
+        state = State.at(twin.model, simulation.start)
         energy = jnp.array([0.9, 20.0]) if reported else None
         seen = SensorInput(state, jnp.zeros(6), jnp.asarray(499), Environment.calm(), energy)
         sensor = twin.sensors["battery"]
-        _, slot = sensor.step(sensor.init(composed.key, composed.start), seen, 0.002)
+        _, slot = sensor.step(sensor.init(simulation.key, simulation.start), seen, 0.002)
         assert int(slot.valid.sum()) == reported

@@ -291,11 +291,11 @@ def test_a_library_test_is_that_of_the_vehicle_put_in_after_it_was_read():
     written = load_scenario("test_mixed")
     assert written.test.written_for == "double_blueye"
     other = written.model_copy(update={"vehicle": "gladius_mini"})
-    composed = compose(other)
-    assert composed.scenario.test == fitted_test(load_scenario("test_mixed", ["vehicle=gladius_mini"])).test
-    assert "sway is left out: no thruster pushes there" in composed.scenario.test.notes
-    assert int(composed.loop.autopilot.timeline.count) < round(spans_of(written)[-1]["end"] / written.control_dt)
-    assert compose(composed.scenario).scenario == composed.scenario, "the log's own scenario, flown again"
+    simulation = compose(other)
+    assert simulation.scenario.test == fitted_test(load_scenario("test_mixed", ["vehicle=gladius_mini"])).test
+    assert "sway is left out: no thruster pushes there" in simulation.scenario.test.notes
+    assert int(simulation.loop.autopilot.timeline.count) < round(spans_of(written)[-1]["end"] / written.control_dt)
+    assert compose(simulation.scenario).scenario == simulation.scenario, "the log's own scenario, flown again"
 
 
 def test_a_test_of_ones_own_that_asks_for_sway_is_refused_without_sway(no_sway):

@@ -114,17 +114,17 @@ def test_water_that_is_none(water, expected):
 
 
 def test_without_water_the_plant_is_the_model_bit_for_bit():
-    composed = compose(load_scenario("lawnmower_calm"))
-    assert same(composed.loop.twin.model, load_vehicle("double_blueye").model())
+    simulation = compose(load_scenario("lawnmower_calm"))
+    assert same(simulation.loop.twin.model, load_vehicle("double_blueye").model())
     fresh = compose(load_scenario("lawnmower_calm", ["world.water=fresh"]))
-    assert same(fresh.loop.twin.model, composed.loop.twin.model)  # what the file is written for
+    assert same(fresh.loop.twin.model, simulation.loop.twin.model)  # what the file is written for
 
 
 def test_water_is_the_plants_and_not_the_autopilots():
-    composed = compose(load_scenario("lawnmower_calm", ["world.water={temperature: 5, salinity: 35}"]))
-    plant, vehicle = composed.loop.twin.model, load_vehicle("double_blueye")
-    assert same(composed.model, vehicle.model()) and same(plant, vehicle.model(water_density=density(5, 35)))
-    assert float(plant.buoyancy - composed.model.buoyancy) == pytest.approx(8.0, abs=0.2)
+    simulation = compose(load_scenario("lawnmower_calm", ["world.water={temperature: 5, salinity: 35}"]))
+    plant, vehicle = simulation.loop.twin.model, load_vehicle("double_blueye")
+    assert same(simulation.model, vehicle.model()) and same(plant, vehicle.model(water_density=density(5, 35)))
+    assert float(plant.buoyancy - simulation.model.buoyancy) == pytest.approx(8.0, abs=0.2)
 
 
 def test_water_mismatch_and_net_buoyancy_add_up():

@@ -225,17 +225,17 @@ def test_a_served_vehicle_tells_what_imus_along_its_axes_would_read():
 
 def test_identification_reads_one_of_two_pressure_sensors(tmp_path):
     """A log with both: the depth is that of the first, with its place, and the other is named."""
-    composed = compose(scenario())
-    names, t = composed.thruster_names, np.arange(0.0, 2.0, 0.1)
-    channels = [c for c in log_channels(names, composed.sensor_names, 10, True) if c.name == "autopilot/command"]
+    simulation = compose(scenario())
+    names, t = simulation.thruster_names, np.arange(0.0, 2.0, 0.1)
+    channels = [c for c in log_channels(names, simulation.sensor_names, 10, True) if c.name == "autopilot/command"]
     channels += [sensor_channel("pressure"), sensor_channel("pressure_2")]
-    with LogWriter(tmp_path / "log.mcap", channels, provenance(composed.scenario, composed)) as log:
+    with LogWriter(tmp_path / "log.mcap", channels, provenance(simulation.scenario, simulation)) as log:
         log.write_many("autopilot/command", t, np.zeros((len(t), len(names))))
         for name, depth in (("pressure", 1.0), ("pressure_2", 1.16)):
             log.write_many(f"sensor/{name}", t, np.stack([np.full(len(t), depth), t], axis=1))
     sheet = json.loads(Log.read(tmp_path / "log.mcap").metadata["sensors"])
     assert sheet["pressure_2"]["part"] == "keel.deep" and sheet["pressure"]["part"].endswith("port.pressure")
-    raw = read_rovtwin(tmp_path / "log.mcap", composed.vehicle)
+    raw = read_rovtwin(tmp_path / "log.mcap", simulation.vehicle)
     assert raw.signals["depth"].lever == [0.0, -0.28, 0.0]
     assert np.all(raw.tables["sensor/pressure"].values == 1.0) and "sensor/pressure_2" not in raw.tables
     assert any("pressure_2" in note for note in raw.notes)

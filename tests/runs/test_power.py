@@ -69,8 +69,8 @@ def books(model, twin, environment):
 
 @pytest.fixture(scope="module")
 def flight():
-    composed = compose(load_scenario("lawnmower_calm", EVERYTHING))
-    twin, start = composed.loop.twin, composed.start
+    simulation = compose(load_scenario("lawnmower_calm", EVERYTHING))
+    twin, start = simulation.loop.twin, simulation.start
     assert len(twin.sensors) == 9 and twin.battery is not None
 
     def fly(twin):

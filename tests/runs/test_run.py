@@ -70,8 +70,8 @@ def test_a_run_never_overwrites_another(flight, short):
 
 def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     """The same blocks in a Python loop on a host that comes late: what the vehicle does agrees to rounding."""
-    composed = compose(short)
-    run = (composed.loop, composed.key, composed.start, short.control_dt, 4.0)
+    simulation = compose(short)
+    run = (simulation.loop, simulation.key, simulation.start, short.control_dt, 4.0)
     now, calls = [0.0], []
 
     def late(seconds: float) -> None:
@@ -134,11 +134,11 @@ def test_the_log_and_the_summary_of_a_mismatch_hold_what_was_drawn(short, flight
     assert flight.log.metadata["mismatch"] == "" and flight.summary["mismatch"] is None
     scenario = short.model_copy(update={"world": short.world.model_copy(update={"mismatch": MismatchSection()})})
     wrong = fly(scenario, tmp_path / "wrong")
-    composed = compose(scenario)
+    simulation = compose(scenario)
     data = json.loads(wrong.log.metadata["mismatch"])
     assert data == wrong.summary["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
     assert (data["mass"], data["thrust"]) == (pytest.approx(1.1), pytest.approx(0.9))
-    truth, model = composed.loop.twin.model, composed.model
+    truth, model = simulation.loop.twin.model, simulation.model
     ratio = truth.quadratic_damping_astern[1, 1] / model.quadratic_damping_astern[1, 1]
     assert data["quadratic_damping_astern.sway"] == pytest.approx(ratio) != pytest.approx(1.0)
 

@@ -129,10 +129,10 @@ def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed
 def test_what_would_tip_over_along_its_nose_turns_its_side_to_the_flow():
     """As the autopilot does: a mission that completed was foretold to fail."""
     words = [STATION, "world.current=[-0.5, 0, 0]", "start.position=[0, 0, 3]", "vehicle=lbv300"]
-    composed = compose(load_scenario("lawnmower_calm", words))
-    limits = Limits.of(composed.model)
+    simulation = compose(load_scenario("lawnmower_calm", words))
+    limits = Limits.of(simulation.model)
     assert limits.level[0] < 0.5 < limits.level[1]
-    report = sea_report(composed)
+    report = sea_report(simulation)
     assert report["verdict"] == "turns" and "tip it over" in report["line"]
     assert "its side to the current" in report["line"]
     assert report["places"][0]["other_heading_deg"] % 180 == pytest.approx(90)

@@ -25,9 +25,9 @@ def test_mesh_files_travel_with_the_run(tmp_path, monkeypatch):
         (garage / place / "hull.stl").write_text(MESH.format(place))
     part = {"name": "stern", "mass": 1.0, "visuals": [{"mesh": "aft/hull.stl"}, {"mesh": "fore/hull.stl"}]}
     data = {"name": "v", "mass": 10.0, "visuals": [{"mesh": "fore/hull.stl"}, {"sphere": 0.1}], "parts": [part]}
-    composed = SimpleNamespace(vehicle=vehicle_from_dict(data, folder=garage))
+    simulation = SimpleNamespace(vehicle=vehicle_from_dict(data, folder=garage))
     run.mkdir()
-    (run / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(load_scenario("square"), composed, run)))
+    (run / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(load_scenario("square"), simulation, run)))
     vehicle = yaml.safe_load((run / "scenario.yaml").read_text())["vehicle"]
     assert [v.get("mesh") for v in vehicle["visuals"]] == ["meshes/hull.stl", None]
     assert [v.get("mesh") for v in vehicle["parts"][0]["visuals"]] == ["meshes/hull_1.stl", "meshes/hull.stl"]
@@ -43,8 +43,8 @@ def test_mesh_files_travel_with_the_run(tmp_path, monkeypatch):
 
 
 def test_a_run_without_meshes_has_no_folder_for_them(tmp_path):
-    composed = SimpleNamespace(vehicle=vehicle_from_dict({"name": "v", "mass": 10.0}))
-    scenario_to_replay(load_scenario("square"), composed, tmp_path)
+    simulation = SimpleNamespace(vehicle=vehicle_from_dict({"name": "v", "mass": 10.0}))
+    scenario_to_replay(load_scenario("square"), simulation, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -65,9 +65,9 @@ def test_the_scene_of_the_cameras_travels_with_the_run(tmp_path, monkeypatch):
     scenario = load_scenario(pool(garage, "hull.stl", "../hull.stl"))
     (garage / "hull.stl").write_text(MESH.format("near"))
     (tmp_path / "hull.stl").write_text(MESH.format("far"))
-    composed = SimpleNamespace(vehicle=vehicle_from_dict({"name": "v", "mass": 10.0}))
+    simulation = SimpleNamespace(vehicle=vehicle_from_dict({"name": "v", "mass": 10.0}))
     run.mkdir()
-    (run / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(scenario, composed, run)))
+    (run / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(scenario, simulation, run)))
 
     moved.parent.mkdir()
     run.rename(moved)
@@ -82,7 +82,7 @@ def test_the_scene_of_the_cameras_travels_with_the_run(tmp_path, monkeypatch):
         MESH.format(place) for place in ("near", "far")
     ]
     (tmp_path / "third").mkdir()
-    third = scenario_to_replay(again, composed, tmp_path / "third")
+    third = scenario_to_replay(again, simulation, tmp_path / "third")
     assert third.cameras[0].scene == "scenes/our_pool.yaml"
     assert (tmp_path / "third" / "scenes" / "our_pool.yaml").read_text() == (
         moved / "scenes" / "our_pool.yaml"
@@ -91,9 +91,9 @@ def test_the_scene_of_the_cameras_travels_with_the_run(tmp_path, monkeypatch):
 
 def test_a_scene_without_one_of_its_meshes_is_named(tmp_path):
     scenario = load_scenario(pool(tmp_path / "garage", "gone.stl"))
-    composed = SimpleNamespace(vehicle=vehicle_from_dict({"name": "v", "mass": 10.0}))
+    simulation = SimpleNamespace(vehicle=vehicle_from_dict({"name": "v", "mass": 10.0}))
     with pytest.raises(ConfigError, match=r"our_pool.yaml: .*found file gone.stl, but there is no file .*garage/gone"):
-        scenario_to_replay(scenario, composed, tmp_path)
+        scenario_to_replay(scenario, simulation, tmp_path)
 
 
 def test_copies_of_copies_do_not_overwrite_each_other(tmp_path):

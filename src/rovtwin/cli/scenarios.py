@@ -68,11 +68,11 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
     from rovtwin.scenario.files import load_scenario
 
     found = load_scenario(scenario, overrides or ())
-    composed = compose(found)
-    lines = foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model)
-    lines += assumptions(found, composed.scenario)
-    holds, line = verdict(composed) if moves(found) else (None, None)
-    empty, assumed = empty_at_start(found), assumed_sensors(found, composed.vehicle)
+    simulation = compose(found)
+    lines = foreseen(simulation.scenario, simulation.vehicle, simulation.loop.twin.model)
+    lines += assumptions(found, simulation.scenario)
+    holds, line = verdict(simulation) if moves(found) else (None, None)
+    empty, assumed = empty_at_start(found), assumed_sensors(found, simulation.vehicle)
     if as_json:
         emit(
             {

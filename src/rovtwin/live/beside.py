@@ -14,7 +14,7 @@ from rovtwin.scenario.schema import Scenario
 SINCE = "since the identification"
 
 
-def monitor_of(composed: Simulation, scenario: Scenario) -> tuple[FlightMonitor | None, str]:
+def monitor_of(simulation: Simulation, scenario: Scenario) -> tuple[FlightMonitor | None, str]:
     """The monitor of a flight, compiled: nothing waits for it once the vehicle flies; or None, and why there is none.
 
     Whatever fails here is such a reason, and ends no flight.
@@ -22,9 +22,11 @@ def monitor_of(composed: Simulation, scenario: Scenario) -> tuple[FlightMonitor 
     try:
         if scenario.test and any(span["hand"] for span in touched_spans(scenario)):
             return None, "hands hold the vehicle in this test"
-        mounts = {name: mount_of(sensor) for name, sensor in composed.loop.twin.sensors.items() if sensor.kind in USED}
-        # Thrusters by the names that the identification gives them; those of `composed` are for channels.
-        vehicle = composed.vehicle
+        mounts = {
+            name: mount_of(sensor) for name, sensor in simulation.loop.twin.sensors.items() if sensor.kind in USED
+        }
+        # Thrusters by the names that the identification gives them; those of `simulation` are for channels.
+        vehicle = simulation.vehicle
         monitor = FlightMonitor(vehicle.model(), vehicle.thruster_names, mounts, scenario.control_dt)
         if monitor.trouble:
             return None, monitor.trouble

@@ -111,10 +111,10 @@ def described(text: str) -> str:
 
 
 def _twin(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    composed = compose(scenario)
+    simulation = compose(scenario)
     # Its time is not the test's, so that a hand would tilt it some other time: as with a served twin, nobody does.
-    twin, dt = replace(composed.loop.twin, hand=None), scenario.control_dt
-    memory = twin.init(jax.random.split(composed.key)[1], composed.start)
+    twin, dt = replace(simulation.loop.twin, hand=None), scenario.control_dt
+    memory = twin.init(jax.random.split(simulation.key)[1], simulation.start)
     step = jax.jit(lambda twin, memory, command, k: twin.step(memory, TwinInput(command, k), dt))
 
     def advance(memory: Any, command: Any, k: int) -> Any:

@@ -78,28 +78,28 @@ def fly_live(
         LinkError: The vehicle is not there, is silent, or refuses to arm. A link that is lost in flight ends it.
     """
     with link:
-        composed = compose(_without_world(scenario if thrust else _dry(scenario)))
-        for line in foreseen(composed.scenario, composed.vehicle, composed.model, known_world=False):
+        simulation = compose(_without_world(scenario if thrust else _dry(scenario)))
+        for line in foreseen(simulation.scenario, simulation.vehicle, simulation.model, known_world=False):
             warn(line)
-        for line in assumptions(scenario, composed.scenario):
+        for line in assumptions(scenario, simulation.scenario):
             warn(line)
-        scenario = fitted(fitted_test(scenario), composed.model)
+        scenario = fitted(fitted_test(scenario), simulation.model)
         mux = SensorMux(link, sources)
         _rewound(link)
         needed = needed_by(scenario)
         known: dict[str, Any] = {
             "needed": needed,
-            "rotation": rotated(composed.loop.twin.sensors).get("attitude"),
-            "position_noise": composed.position_noise,
+            "rotation": rotated(simulation.loop.twin.sensors).get("attitude"),
+            "position_noise": simulation.position_noise,
         }
-        readiness = listen(mux, composed.sensor_names, say, clock.speed, **known)
-        loop = _LiveLoop(composed, scenario, readiness, link, mux, clock, thrust)
+        readiness = listen(mux, simulation.sensor_names, say, clock.speed, **known)
+        loop = _LiveLoop(simulation, scenario, readiness, link, mux, clock, thrust)
         folder = new_folder(folder)
-        metadata = metadata_of(scenario, composed, folder, thrust)
-        monitor, unwatched = monitor_of(composed, scenario) if thrust else (None, "")
+        metadata = metadata_of(scenario, simulation, folder, thrust)
+        monitor, unwatched = monitor_of(simulation, scenario) if thrust else (None, "")
         if unwatched:
             warn(f"what has changed of the vehicle is not watched: {unwatched}")
-        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, monitor)
+        channels = live_channels(scenario, simulation.thruster_names, simulation.sensor_names, monitor)
         with (
             LogWriter(folder / "log.mcap", channels, metadata) as log,
             closing(LiveRecorder(scenario, log.write_many, folder, monitor)) as recorder,
@@ -114,24 +114,24 @@ def fly_live(
                     link.arm()
                 ending = loop.fly(recorder, lambda utc: log.annotate(beginning(scenario, utc)), progress, tell)
             link.stop()
-            summary = _summary(recorder, composed, ending, loop.pace) | changed(monitor, unwatched)
+            summary = _summary(recorder, simulation, ending, loop.pace) | changed(monitor, unwatched)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
         with keeping(folder, f"The log is whole: {folder / 'log.mcap'}"):
             write_text(folder / "summary.json", to_json(summary) + "\n")
     return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
 
 
-def metadata_of(scenario: Scenario, composed: Simulation, folder: Path, thrust: bool = True) -> dict[str, str]:
+def metadata_of(scenario: Scenario, simulation: Simulation, folder: Path, thrust: bool = True) -> dict[str, str]:
     """What the log of a flight over a link says of it; the scenario is written into its folder, too."""
-    metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
+    metadata = provenance(scenario, simulation) | {"live": "true", "thrust": str(thrust).lower()}
     if scenario.test:
         metadata["test"] = to_json(touched_spans(scenario))
-    return metadata | {"scenario": write_scenario(scenario, composed, folder)} | beginning(scenario, utc_now())
+    return metadata | {"scenario": write_scenario(scenario, simulation, folder)} | beginning(scenario, utc_now())
 
 
-def write_scenario(scenario: Scenario, composed: Simulation, folder: Path) -> str:
+def write_scenario(scenario: Scenario, simulation: Simulation, folder: Path) -> str:
     """Write what was flown into its folder, so that it can be flown again; the text."""
-    text = dump_scenario(scenario_to_replay(scenario, composed, folder))
+    text = dump_scenario(scenario_to_replay(scenario, simulation, folder))
     write_text(folder / "scenario.yaml", text)
     return text
 
@@ -170,7 +170,7 @@ class _LiveLoop:
 
     def __init__(
         self,
-        composed: Simulation,
+        simulation: Simulation,
         scenario: Scenario,
         readiness: Readiness,
         link: Link,
@@ -178,9 +178,9 @@ class _LiveLoop:
         clock: Clock,
         thrust: bool,
     ):
-        loop = composed.loop
+        loop = simulation.loop
         slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in loop.twin.empty().items()}
-        key = jax.random.split(composed.key)[0]
+        key = jax.random.split(simulation.key)[0]
         self._begin = lambda start: loop.autopilot.init(key, start)
         self._autopilot = HostAutopilot(loop.autopilot, self._begin(readiness.start), slots, scenario.control_dt)
         self._above = above(loop.topside, scenario.control_dt)
@@ -188,7 +188,7 @@ class _LiveLoop:
         self._link, self._mux, self._clock = link, mux, clock
         self._dt, self._thrust = scenario.control_dt, thrust
         self._total, self._chunk = ticks_in(scenario.duration, self._dt) + 1, ticks_in(CHUNK, self._dt)
-        self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
+        self._off = Command(np.zeros(len(simulation.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
         self._prompter, self._tested = Prompter(scenario), 0
         self.pace = Pace()
 
@@ -256,15 +256,15 @@ class _LiveLoop:
         recorder.take(*self._autopilot.unpacked(taken, given), np.array(host))
 
 
-def _summary(recorder: LiveRecorder, composed: Simulation, ending: str, pace: Pace) -> dict[str, Any]:
+def _summary(recorder: LiveRecorder, simulation: Simulation, ending: str, pace: Pace) -> dict[str, Any]:
     if not recorder.seconds:
         return {"completed": False, "phase": "idle", "reason": ending, "interrupted": False, "decisions": []}
     flown = recorder.flown()
-    figures = live_figures(flown, test=composed.scenario.test is not None)
-    reason = "" if figures["completed"] else ending or figures["reason"] or not_finished(flown, composed)
+    figures = live_figures(flown, test=simulation.scenario.test is not None)
+    reason = "" if figures["completed"] else ending or figures["reason"] or not_finished(flown, simulation)
     return figures | {
         "reason": reason,
         "interrupted": reason == "interrupted",
-        "decisions": decisions(flown, composed.thruster_names, [(0.0, composed.scenario)], composed.model),
+        "decisions": decisions(flown, simulation.thruster_names, [(0.0, simulation.scenario)], simulation.model),
         **pace.figures(),
     }

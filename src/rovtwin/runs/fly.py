@@ -93,18 +93,18 @@ def fly(
     """
     if realtime and (camera or film):
         raise ConfigError(f"{scenario.name}: pictures cannot be rendered by the wall clock; leave out --realtime")
-    composed = compose(scenario, truth)
+    simulation = compose(scenario, truth)
     if refuse:
-        for line in foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model):
+        for line in foreseen(simulation.scenario, simulation.vehicle, simulation.loop.twin.model):
             say(line)
-        assumed = assumed_sensors(scenario, composed.vehicle)
-        for line in (*assumptions(scenario, composed.scenario), *([assumed] if assumed else [])):
+        assumed = assumed_sensors(scenario, simulation.vehicle)
+        for line in (*assumptions(scenario, simulation.scenario), *([assumed] if assumed else [])):
             say(line)
-    scenario = composed.scenario
+    scenario = simulation.scenario
     if folder is None:
-        return _in_memory(scenario, composed, realtime, progress)
+        return _in_memory(scenario, simulation, realtime, progress)
     folder = new_folder(folder)
-    summary = _into_folder(scenario, composed, folder, realtime, progress, camera or film, film)
+    summary = _into_folder(scenario, simulation, folder, realtime, progress, camera or film, film)
     flight = Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
     if report:
         from rovtwin.report import write_report
@@ -114,21 +114,21 @@ def fly(
     return flight
 
 
-def _in_memory(scenario: Scenario, composed: Simulation, realtime: bool, progress: Progress | None) -> Flight:
-    channels = _channels(scenario, composed)
+def _in_memory(scenario: Scenario, simulation: Simulation, realtime: bool, progress: Progress | None) -> Flight:
+    channels = _channels(scenario, simulation)
     pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}
     recorder = Recorder(scenario, lambda name, t, values: pieces[name].append((t, values)))
-    interrupted = _run(composed, scenario, [recorder.take], recorder, realtime, progress)
+    interrupted = _run(simulation, scenario, [recorder.take], recorder, realtime, progress)
     flown = recorder.flown()
-    summary = summarise(flown, composed, interrupted)
+    summary = summarise(flown, simulation, interrupted)
     data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(flown, scenario)
-    metadata = provenance(scenario, composed) | _truth(composed) | _closing(summary)
+    metadata = provenance(scenario, simulation) | _truth(simulation) | _closing(summary)
     return Flight(scenario, None, Log.from_arrays(channels, data, metadata), summary)
 
 
 def _into_folder(
     scenario: Scenario,
-    composed: Simulation,
+    simulation: Simulation,
     folder: Path,
     realtime: bool,
     progress: Progress | None,
@@ -136,18 +136,18 @@ def _into_folder(
     film: bool,
 ) -> dict[str, Any]:
     """Log, scenario and pictures are written while the run goes on; its summary."""
-    metadata = provenance(scenario, composed) | _truth(composed)
-    metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
+    metadata = provenance(scenario, simulation) | _truth(simulation)
+    metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, simulation, folder))
     write_text(folder / "scenario.yaml", metadata["scenario"])
     with ExitStack() as stack:
-        log = stack.enter_context(LogWriter(folder / "log.mcap", _channels(scenario, composed), metadata))
+        log = stack.enter_context(LogWriter(folder / "log.mcap", _channels(scenario, simulation), metadata))
         recorder = Recorder(scenario, log.write_many)
         takers = [recorder.take]
         if camera:
-            takers.append(stack.enter_context(Filming(scenario, composed.vehicle, folder, film)).take)
-        interrupted = _run(composed, scenario, takers, recorder, realtime, progress)
+            takers.append(stack.enter_context(Filming(scenario, simulation.vehicle, folder, film)).take)
+        interrupted = _run(simulation, scenario, takers, recorder, realtime, progress)
         flown = recorder.flown()
-        summary = summarise(flown, composed, interrupted)
+        summary = summarise(flown, simulation, interrupted)
         for name, (t, values) in _scores(flown, scenario).items():
             log.write_many(name, t, values)
         log.annotate(_closing(summary))
@@ -156,20 +156,20 @@ def _into_folder(
     return summary
 
 
-def _channels(scenario: Scenario, composed: Simulation) -> list[Channel]:
+def _channels(scenario: Scenario, simulation: Simulation) -> list[Channel]:
     return log_channels(
-        composed.thruster_names,
-        composed.sensor_names,
+        simulation.thruster_names,
+        simulation.sensor_names,
         scenario.log.rate,
         scenario.log.sensors,
         scenario.world.moving_surface,
-        composed.battery_names,
-        {name: tether.segments + 1 for name, tether in composed.loop.twin.tethers.items()},
+        simulation.battery_names,
+        {name: tether.segments + 1 for name, tether in simulation.loop.twin.tethers.items()},
     )
 
 
 def _run(
-    composed: Simulation,
+    simulation: Simulation,
     scenario: Scenario,
     takers: Sequence[Callable[[Record], None]],
     recorder: Recorder,
@@ -179,7 +179,7 @@ def _run(
     """Run to the end or to Ctrl-C; whether it was the latter."""
     source = realtime_chunks if realtime else chunks
     stream: Iterator[Record] = source(
-        composed.loop, composed.key, composed.start, scenario.control_dt, scenario.duration
+        simulation.loop, simulation.key, simulation.start, scenario.control_dt, scenario.duration
     )
     with Interrupt() as interrupt:
         for record in stream:
@@ -203,9 +203,9 @@ def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.
     }
 
 
-def _truth(composed: Simulation) -> dict[str, str]:
+def _truth(simulation: Simulation) -> dict[str, str]:
     """What a simulated run knows and a vehicle over a link does not: how the true vehicle differs from the model."""
-    return {"mismatch": to_json(composed.mismatch) if composed.mismatch else ""}
+    return {"mismatch": to_json(simulation.mismatch) if simulation.mismatch else ""}
 
 
 def _closing(summary: dict[str, Any]) -> dict[str, str]:

@@ -150,7 +150,7 @@ class Bridge:
     def _goto(self, order: orders.Goto) -> None:
         helm = self._for_missions(self._underway())
         depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
-        own = own_values(Limits.of(self._engine.vessel.composed.model))
+        own = own_values(Limits.of(self._engine.vessel.simulation.model))
         speed = own["speed"] if order.speed is None else order.speed
         there = Waypoint(position=[order.x, order.y, depth], speed=speed, acceptance=own["acceptance"])
         self._engine.fly(helm, self._checked([there], "the place"), [there])
@@ -211,8 +211,8 @@ class Bridge:
         """What keeps way-points from being flown here; of a real vehicle the current is not known."""
         vessel = self._engine.vessel
         helm, scenario = self._for_missions(vessel), self._engine.scenario_with(waypoints)
-        twin, composed = self._engine.is_twin, vessel.composed
-        model = composed.loop.twin.model if twin else composed.model
+        twin, simulation = self._engine.is_twin, vessel.simulation
+        model = simulation.loop.twin.model if twin else simulation.model
         here = self._from_here(scenario, helm)
         return faults(scenario, here, model, has_terrain=helm.has_terrain, known_world=twin)  # half a millisecond
 
@@ -243,7 +243,7 @@ class Bridge:
         if not self._engine.is_twin:
             raise ConfigError("nothing can be broken in a real vehicle from here")
         vessel = self._engine.vessel
-        fault, text = _fault(order, vessel.composed.thruster_names, vessel.composed.sensor_names)
+        fault, text = _fault(order, vessel.simulation.thruster_names, vessel.simulation.sensor_names)
         vessel.link.tell(fault)
         self._engine.event("warning", f"injected: {text}")
 

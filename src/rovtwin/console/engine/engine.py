@@ -122,7 +122,7 @@ class Engine:
         self.note_operator()
         vessel.helm.idle()
         if self.test is None:  # a test has a log of its own each time
-            self._logbook.open(self.scenario_with(self.plan), vessel.composed, vessel.helm, vessel.watch)
+            self._logbook.open(self.scenario_with(self.plan), vessel.simulation, vessel.helm, vessel.watch)
         self.switch.ask(asked_at)
 
     def disarm(self) -> None:
@@ -157,7 +157,7 @@ class Engine:
 
     def fly_test(self, helm: ExperimentHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
-        self._logbook.open(self.scenario_with(self.plan), self.vessel.composed, helm, self.vessel.watch)
+        self._logbook.open(self.scenario_with(self.plan), self.vessel.simulation, helm, self.vessel.watch)
         self._logbook.begin(self._now)
         self.event("info", f"logged in {self._logbook.folder}")
         helm.start()
@@ -345,10 +345,10 @@ class Engine:
         if (news := self._changes.of(state["phase"], state["reason"], state["gives_up_heading"])) is not None:
             self.event(*news)
         state["changed"] = ticker.vessel.watch.names
-        return state | {"alerts": alerts(state, ticker.vessel.composed.thruster_names)}
+        return state | {"alerts": alerts(state, ticker.vessel.simulation.thruster_names)}
 
     def _plan_message(self) -> dict[str, Any]:
         return plan_message(self.plan, self.submitted, self._config.scenario.origin)
 
     def _setup_message(self) -> dict[str, Any]:
-        return setup_of(self._config, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())
+        return setup_of(self._config, self.vessel.simulation, self.vessel.readiness, self.test and self.test.laid_out())

@@ -19,12 +19,12 @@ class ExperimentHelm(Steering):
     start begins it anew, with its home where the vehicle then is.
     """
 
-    def __init__(self, composed: Simulation, scenario: Scenario):
+    def __init__(self, simulation: Simulation, scenario: Scenario):
         """Compiles."""
-        made = composed.loop.autopilot
+        made = simulation.loop.autopilot
         if not isinstance(made, Experiment):
             raise TypeError(f"found {type(made).__name__}, expected an Experiment")
-        super().__init__(composed, made, scenario.control_dt)
+        super().__init__(simulation, made, scenario.control_dt)
 
     def start(self) -> None:
         """Fly the test from its beginning."""

@@ -43,14 +43,19 @@ class FlightLog:
     """
 
     def __init__(
-        self, scenario: Scenario, composed: Simulation, helm: Steering, folder: Path, watch: VehicleWatch | None = None
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        helm: Steering,
+        folder: Path,
+        watch: VehicleWatch | None = None,
     ):
         """With what `watch` finds in it. Raises ConfigError or LogError where the folder cannot be written."""
         self.folder, self.began = new_folder(folder), 0.0
-        self._composed, self._helm, self._watch = composed, helm, watch
+        self._simulation, self._helm, self._watch = simulation, helm, watch
         self._monitor = None if watch is None else watch.begin()
-        metadata = metadata_of(scenario, composed, self.folder) | no_mission_yet()
-        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, self._monitor)
+        metadata = metadata_of(scenario, simulation, self.folder) | no_mission_yet()
+        channels = live_channels(scenario, simulation.thruster_names, simulation.sensor_names, self._monitor)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder, self._monitor)
         self._rows: list[Any] = []
@@ -80,7 +85,7 @@ class FlightLog:
         try:
             self._flush()
             if self._flown:
-                self._log.annotate({"scenario": write_scenario(self._flown[-1][1], self._composed, self.folder)})
+                self._log.annotate({"scenario": write_scenario(self._flown[-1][1], self._simulation, self.folder)})
             summary = self._summary(ending) | changed(self._monitor, self._watch.unwatched if self._watch else "")
             self._log.annotate({"summary": to_json(summary)})
         finally:
@@ -101,14 +106,14 @@ class FlightLog:
         if not self._recorder.seconds:
             return {"completed": False, "phase": "idle", "reason": ending, "decisions": []}
         flown = self._recorder.flown()
-        figures = live_figures(flown, test=self._composed.scenario.test is not None)
-        composed = self._composed
-        missions = self._flown if composed.scenario.test is None else [(0.0, composed.scenario)]
+        figures = live_figures(flown, test=self._simulation.scenario.test is not None)
+        simulation = self._simulation
+        missions = self._flown if simulation.scenario.test is None else [(0.0, simulation.scenario)]
         if missions and finished(flown.during(missions[-1][0])):  # whatever came after it, as a hold
             figures |= {"completed": True, "phase": PHASES[FINISHED]}
         return figures | {
             "reason": "" if figures["completed"] else figures["reason"] or ending,
-            "decisions": decisions(flown, composed.thruster_names, missions, composed.model),
+            "decisions": decisions(flown, simulation.thruster_names, missions, simulation.model),
         }
 
 
@@ -133,11 +138,11 @@ class Logbook:
         """Of the flight under way, "" if there is none."""
         return "" if self._flight is None else str(self._flight.folder)
 
-    def open(self, scenario: Scenario, composed: Simulation, helm: Steering, watch: VehicleWatch) -> None:
+    def open(self, scenario: Scenario, simulation: Simulation, helm: Steering, watch: VehicleWatch) -> None:
         """Open the log of a flight to come, beside the loop: it takes some tenths of a second."""
         folder = run_folder(scenario.name, self._runs)
         self._watch = watch
-        self._opening = self._beside.submit(FlightLog, scenario, composed, helm, folder, watch)
+        self._opening = self._beside.submit(FlightLog, scenario, simulation, helm, folder, watch)
 
     @property
     def is_opening(self) -> bool:

@@ -25,17 +25,17 @@ class Helm(Steering):
         fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
     """
 
-    def __init__(self, composed: Simulation, scenario: Scenario):
+    def __init__(self, simulation: Simulation, scenario: Scenario):
         """Compiles."""
-        made = composed.loop.autopilot
+        made = simulation.loop.autopilot
         if not isinstance(made, Autopilot):
             raise TypeError(f"found {type(made).__name__}, expected an Autopilot")
-        self._scenario, self._model = scenario, composed.model
+        self._scenario, self._model = scenario, simulation.model
         self._has_terrain = made.terrain is not None
         self.mission = self.mission_of(scenario)
         self.fastest = np.asarray(made.contingency.fastest)
         ready = eqx.tree_at(lambda a: a.mission, made, self.mission, is_leaf=lambda leaf: isinstance(leaf, Mission))
-        super().__init__(composed, ready, scenario.control_dt)
+        super().__init__(simulation, ready, scenario.control_dt)
         self._begun = False  # a mission, since thrusters were last at rest
 
     def mission_of(self, scenario: Scenario) -> Mission:

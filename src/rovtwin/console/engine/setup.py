@@ -20,28 +20,28 @@ SIZE = (0.5, 0.5, 0.3)  # shown of a vehicle whose shape nobody gave [m]
 
 
 def setup_of(
-    config: "EngineConfig", composed: "Simulation", readiness: "Readiness", test: dict[str, Any] | None = None
+    config: "EngineConfig", simulation: "Simulation", readiness: "Readiness", test: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """The message that tells it; `test` is what Manoeuvres lays out of one."""
-    return described(config.scenario, composed.vehicle) | {
+    return described(config.scenario, simulation.vehicle) | {
         "kind": "setup",
-        "thrusters": composed.thruster_names,
-        "sensors": composed.sensor_names,
-        "readings": values_of(composed.sensor_names),
+        "thrusters": simulation.thruster_names,
+        "sensors": simulation.sensor_names,
+        "readings": values_of(simulation.sensor_names),
         "twin": config.is_twin,
-        "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
+        "mesh": "/mesh/vehicle.glb" if pieces_of(simulation.vehicle) else None,
         "home": np.asarray(readiness.start.position),
         "missing": list(readiness.missing),
-        "operator_silent": _operator_rule(composed),
+        "operator_silent": _operator_rule(simulation),
         "test": test,
     }
 
 
-def _operator_rule(composed: "Simulation") -> dict[str, Any]:
+def _operator_rule(simulation: "Simulation") -> dict[str, Any]:
     """What the autopilot does without an operator, one of gnc.safety.rules.ACTIONS, and after how long [s]."""
     from rovtwin.gnc.safety.rules import ACTIONS  # not for a replay, which begins sooner without it
 
-    autopilot: Any = composed.loop.autopilot
+    autopilot: Any = simulation.loop.autopilot
     rules = autopilot.supervisor.rules
     i = REASONS.index("operator silent")
     return {"limit": float(rules.limit[i] + rules.after[i]), "action": ACTIONS[int(rules.action[i])]}

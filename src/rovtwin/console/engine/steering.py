@@ -19,14 +19,14 @@ from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
 class Steering(abc.ABC):
     """An autopilot for missions (`Helm`) or for a test (`ExperimentHelm`), as the engine ticks it."""
 
-    def __init__(self, composed: Simulation, autopilot: Block, control_dt: float):
+    def __init__(self, simulation: Simulation, autopilot: Block, control_dt: float):
         """Compiles."""
         self._autopilot: Any = autopilot
-        key = jax.random.split(composed.key)[0]
+        key = jax.random.split(simulation.key)[0]
         self._fresh = jax.jit(lambda start: autopilot.init(key, start))
-        twin = composed.loop.twin
+        twin = simulation.loop.twin
         slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in twin.empty().items()}
-        self._host = HostAutopilot(autopilot, self._fresh(composed.start), slots, control_dt)
+        self._host = HostAutopilot(autopilot, self._fresh(simulation.start), slots, control_dt)
         self._host.change(autopilot, self._renewed(self._here()))  # what a start needs is compiled now
         self._request, self._idle = NO_REQUEST, True
 

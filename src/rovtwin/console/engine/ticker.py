@@ -25,7 +25,7 @@ class Ticker:
         vessel.helm.restart(vessel.readiness.start)
         self.ticks, self.began = 0, clock.next(dt)
         vessel.mux.zero = self.began
-        names = vessel.composed.sensor_names
+        names = vessel.simulation.sensor_names
         self._sensor_status, self._consistency, self._pace = SensorStatus(names), Consistency(names), Pace()
         self._late = self._latest = 0.0
 

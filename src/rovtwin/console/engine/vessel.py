@@ -82,10 +82,10 @@ class Limits:
     text: str
 
     @classmethod
-    def of(cls, composed: Simulation) -> "Limits":
+    def of(cls, simulation: Simulation) -> "Limits":
         """From the autopilot's model and the world's current as it begins."""
-        top = performance(composed.model)["surge"]["ahead"].top_speed
-        current = getattr(composed.scenario.world.current, "velocity", None) or [0.0, 0.0, 0.0]
+        top = performance(simulation.model)["surge"]["ahead"].top_speed
+        current = getattr(simulation.scenario.world.current, "velocity", None) or [0.0, 0.0, 0.0]
         against = math.hypot(*current[:2])
         text = f"{top:.2g} m/s ahead" + (f" less {against:.2g} m/s of current" if against else "")
         return cls(max(top - against, 0.0), text)
@@ -100,7 +100,7 @@ class VehicleSession:
     mux: SensorMux
     readiness: Readiness
     helm: Helm | ExperimentHelm
-    composed: Simulation
+    simulation: Simulation
     limits: Limits
     watch: VehicleWatch
 
@@ -171,11 +171,11 @@ class SessionBuilder:
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
             try:
-                composed, helm, limits, watch = self._helm or self._compiled()
+                simulation, helm, limits, watch = self._helm or self._compiled()
             except BaseException:
                 opening.add_done_callback(lambda done: done.exception() or done.result().close())
                 raise
-            self._helm = composed, helm, limits, watch
+            self._helm = simulation, helm, limits, watch
             self._go_on(4)
             link = opening.result()
         sources: list[Source] = []
@@ -186,8 +186,8 @@ class SessionBuilder:
                 link.tell(("pace", *self.clock.run(self.speed)))
             mux = SensorMux(link, sources)
             self._go_on(5)
-            names = composed.sensor_names
-            needed, rotation = needed_by(config.scenario), rotated(composed.loop.twin.sensors).get("attitude")
+            names = simulation.sensor_names
+            needed, rotation = needed_by(config.scenario), rotated(simulation.loop.twin.sensors).get("attitude")
             settle()
             readiness = listen(
                 mux,
@@ -196,13 +196,13 @@ class SessionBuilder:
                 self.speed,
                 needed=needed,
                 rotation=rotation,
-                position_noise=composed.position_noise,
+                position_noise=simulation.position_noise,
             )
         except BaseException:
             for one in (link, *sources):
                 one.close()
             raise
-        return VehicleSession(link, sources, mux, readiness, helm, composed, limits, watch)
+        return VehicleSession(link, sources, mux, readiness, helm, simulation, limits, watch)
 
     def _open(self) -> HostedLink:
         config = self.config
@@ -214,9 +214,9 @@ class SessionBuilder:
 
     def _compiled(self) -> Compiled:
         scenario = self.config.scenario
-        composed = compose(scenario)
-        _ = composed.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
+        simulation = compose(scenario)
+        _ = simulation.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
         self._go_on(2)
-        helm = (ExperimentHelm if scenario.test else Helm)(composed, scenario)
+        helm = (ExperimentHelm if scenario.test else Helm)(simulation, scenario)
         self._go_on(3)
-        return composed, helm, Limits.of(composed), VehicleWatch(composed, scenario)
+        return simulation, helm, Limits.of(simulation), VehicleWatch(simulation, scenario)

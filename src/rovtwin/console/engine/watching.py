@@ -40,10 +40,10 @@ class VehicleWatch:
         changed: What has changed in the flight under way, or in the last one.
     """
 
-    def __init__(self, composed: Simulation, scenario: Scenario):
+    def __init__(self, simulation: Simulation, scenario: Scenario):
         """Compiles, so that no flight waits for it."""
-        self._composed, self._scenario = composed, scenario
-        first, self._never = (None, IN_A_TEST) if scenario.test else monitor_of(composed, scenario)
+        self._simulation, self._scenario = simulation, scenario
+        first, self._never = (None, IN_A_TEST) if scenario.test else monitor_of(simulation, scenario)
         self.unwatched = self._never
         self._is_compared = first is not None and first.reference is not None
         self._monitor: FlightMonitor | None = None
@@ -53,7 +53,7 @@ class VehicleWatch:
         """A monitor for the flight to come; what the last one found is forgotten. None where none can be."""
         self._monitor, self.unwatched = None, self._never
         if not self._never:
-            self._monitor, self.unwatched = monitor_of(self._composed, self._scenario)
+            self._monitor, self.unwatched = monitor_of(self._simulation, self._scenario)
         self._forget()
         return self._monitor
 
@@ -98,8 +98,8 @@ class VehicleWatch:
             "kind": "watch",
             "watched": not self.unwatched,
             "note": self._note(armed, found),
-            "against": f"the identification of {self._composed.vehicle.name}" if self._is_compared else "",
-            "vehicle": self._composed.vehicle.name,
+            "against": f"the identification of {self._simulation.vehicle.name}" if self._is_compared else "",
+            "vehicle": self._simulation.vehicle.name,
             "seconds": 0.0 if found is None else found.seconds,
             "rows": self._rows,
             "causes": self._causes,

@@ -30,19 +30,19 @@ class WorldLink(TwinLink):
     world's own, `("test", t)`: a test with a hand in it begins at its own time t [s], or never, inf.
     """
 
-    def __init__(self, composed: Simulation, dt: float, clock: Clock):
+    def __init__(self, simulation: Simulation, dt: float, clock: Clock):
         self._clock_ = clock
-        self._twin = breakable(composed.loop.twin)
+        self._twin = breakable(simulation.loop.twin)
         self._healthy = self._twin.model.thrusters.health
         self._silent: set[str] = set()
         self._hand = None if self._twin.hand is None else np.asarray(self._twin.hand.spans)
         self._twin = self._with_hand(np.inf)
-        memory = self._twin.init(jax.random.split(composed.key)[1], composed.start)
+        memory = self._twin.init(jax.random.split(simulation.key)[1], simulation.start)
         self._step = jax.jit(lambda twin, memory, u, k: _moved(twin, memory, u, k, dt))
         self._truth = np.zeros(10)
         super().__init__(self._advance_, memory, self._healthy.shape[0], dt, clock)
         self._reached = np.inf  # time whose command the autopilot has sent, once it tells it [s]
-        self._leash = LEASH if composed.scenario.test is None else 0.0
+        self._leash = LEASH if simulation.scenario.test is None else 0.0
         self._step(self._twin, memory, jnp.zeros_like(self._healthy), 0)  # compiled before anybody waits for it
 
     def _advance_(self, memory: Any, command: Command, k: int) -> Any:

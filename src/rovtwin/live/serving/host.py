@@ -32,12 +32,12 @@ class ServedVehicle:
         Raises:
             ConfigError: The scenario cannot be composed.
         """
-        served, composed = served_of(scenario)
+        served, simulation = served_of(scenario)
         self.dt, self.tick = scenario.control_dt, 0
-        self.drones, self.thrusters = served.drones, composed.thruster_names
+        self.drones, self.thrusters = served.drones, simulation.thruster_names
         self.largest = {name: np.asarray(onboard.largest) for name, onboard in served.onboards.items()}
         self._rng = np.random.default_rng(scenario.seed)
-        memory, none = served.init(composed.key, composed.start), orders(served)
+        memory, none = served.init(simulation.key, simulation.start), orders(served)
         step = jax.jit(lambda served, memory, orders, k: served.tick(memory, orders, k, self.dt))
         _, output = jax.eval_shape(step, served, memory, none, jnp.asarray(0))
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)

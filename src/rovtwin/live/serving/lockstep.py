@@ -47,16 +47,16 @@ class FirmwarePhysics:
         Raises:
             ConfigError: The firmware's motors are not this vehicle's.
         """
-        composed = compose(scenario)
+        simulation = compose(scenario)
         self._firmware = firmware
-        self.thrusters = list(composed.vehicle.thruster_names)
+        self.thrusters = list(simulation.vehicle.thruster_names)
         if missing := [thruster for thruster in self.thrusters if thruster not in firmware.thrusters]:
             raise ConfigError(
-                f"--protocol {name}: {composed.vehicle.name} has a thruster {missing[0]!r}, expected those of "
+                f"--protocol {name}: {simulation.vehicle.name} has a thruster {missing[0]!r}, expected those of "
                 f"{firmware.vehicle} ({', '.join(firmware.thrusters)}), which its frame drives"
             )
-        twin = composed.loop.twin
-        self._begin = (twin.world.init(composed.key, composed.start), State.at(twin.model, composed.start))
+        twin = simulation.loop.twin
+        self._begin = (twin.world.init(simulation.key, simulation.start), State.at(twin.model, simulation.start))
 
         def step(model: Any, world: Any, memory: Any, u: Array, dt: float) -> tuple[Any, Array]:
             after, state = memory

@@ -138,10 +138,10 @@ def served_of(scenario: Scenario) -> tuple[Served, Simulation]:
     """
     vehicle = vehicle_of(scenario).with_pairs_apart()
     scenario = scenario.model_copy(update={"autopilot": MODEL_BASED})
-    composed = compose(scenario, vehicle=vehicle)
+    simulation = compose(scenario, vehicle=vehicle)
     drones = drones_of(vehicle)
-    twin = composed.loop.twin
-    sensors = _sensors(composed, drones)
+    twin = simulation.loop.twin
+    sensors = _sensors(simulation, drones)
     rotations = rotated(sensors)
     straight = {name: eqx.tree_at(lambda s: s.rotation, sensors[name], jnp.eye(3)) for name in rotations}
     first = _of_drone(sensors | straight, next(iter(drones)))  # type: ignore[arg-type]  (sensors by name, as readings)
@@ -149,7 +149,7 @@ def served_of(scenario: Scenario) -> tuple[Served, Simulation]:
     for name in drones:
         prefix = f"{name}." if name else ""
         places[name] = tuple(i for i, thruster in enumerate(vehicle.thruster_names) if thruster.startswith(prefix))
-        onboards[name] = _onboard(composed.model, places[name], drones[name], len(drones))
+        onboards[name] = _onboard(simulation.model, places[name], drones[name], len(drones))
     names = ("pressure", "attitude", "gyro")
     senses = {
         d: Sense(tuple(f"{d}/{n}" for n in names), sensors[f"{d}/pressure"].rate / 1000)  # type: ignore[arg-type]  (three names)
@@ -158,13 +158,13 @@ def served_of(scenario: Scenario) -> tuple[Served, Simulation]:
     }
     served = Served(
         replace(twin, sensors=sensors, hand=None),  # whoever flies a scenario's test begins when he likes
-        navigation_filter(MODEL_BASED, composed.model, first),  # type: ignore[arg-type]  (as above)
+        navigation_filter(MODEL_BASED, simulation.model, first),  # type: ignore[arg-type]  (as above)
         senses,
         onboards,
         rotations,
         places,
     )
-    return served, composed
+    return served, simulation
 
 
 def drones_of(vehicle: Vehicle) -> dict[str, np.ndarray]:
@@ -174,15 +174,15 @@ def drones_of(vehicle: Vehicle) -> dict[str, np.ndarray]:
     return {"": np.zeros(3)} if len(places) < 2 or "" in places else places
 
 
-def _sensors(composed: Simulation, drones: dict[str, np.ndarray]) -> dict[str, Sensor]:
+def _sensors(simulation: Simulation, drones: dict[str, np.ndarray]) -> dict[str, Sensor]:
     """Sensors of the whole vehicle, and each drone's own: those that fly, at the same place of each drone."""
-    sensors = composed.loop.twin.sensors
+    sensors = simulation.loop.twin.sensors
     if len(drones) == 1:
         return sensors
     own = {}
     for name in OF_A_DRONE:
         if name in sensors:
-            part = composed.on_board.part_of(name)
+            part = simulation.on_board.part_of(name)
             home = next((place for drone, place in drones.items() if part.startswith(f"{drone}.")), np.zeros(3))
             for drone, place in drones.items():
                 lever = sensors[name].lever + as_array(place - home)

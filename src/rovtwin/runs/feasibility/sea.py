@@ -53,9 +53,9 @@ def places(scenario: Scenario) -> list[tuple[tuple[float, float, float], float, 
     return list(found.values())
 
 
-def holdings(composed: Simulation, world: World | None = None) -> list[Holding]:
+def holdings(simulation: Simulation, world: World | None = None) -> list[Holding]:
     """Required and available force at the mission's places, for the true vehicle in its world or another one."""
-    twin, scenario = composed.loop.twin, composed.scenario
+    twin, scenario = simulation.loop.twin, simulation.scenario
     key = jax.random.key(scenario.seed)
     return [
         replace(
@@ -65,7 +65,7 @@ def holdings(composed: Simulation, world: World | None = None) -> list[Holding]:
                 key,
                 below_surface(list(place), scenario.world, twin.model),
                 heading,
-                controlled=_controlled(composed),
+                controlled=_controlled(simulation),
             ),
             asked=asked,
         )
@@ -73,11 +73,11 @@ def holdings(composed: Simulation, world: World | None = None) -> list[Holding]:
     ]
 
 
-def _controlled(composed: Simulation) -> tuple[float, float] | None:
+def _controlled(simulation: Simulation) -> tuple[float, float] | None:
     """Speeds through the water in surge and in sway that `model_based` flies, level, at most [m/s]; None of another."""
-    if not isinstance(composed.scenario.autopilot, ModelBasedSection):
+    if not isinstance(simulation.scenario.autopilot, ModelBasedSection):
         return None
-    ahead, aside = VehicleScales.of(composed.loop.twin.model).level_speed
+    ahead, aside = VehicleScales.of(simulation.loop.twin.model).level_speed
     return float(ahead), float(aside)
 
 
@@ -143,29 +143,29 @@ def _still(h: Holding) -> str:
     return text + (f"; heave {heave:.3g} N rms of {h.available_heave:.3g} N" if heave >= HEAVE_REPORTED else "")
 
 
-def _sentence(composed: Simulation, found: list[Holding]) -> str:
+def _sentence(simulation: Simulation, found: list[Holding]) -> str:
     """The verdict as a sentence, with what it leaves out of this scenario."""
-    return verdict_line(found) + (" (without the tethers' pull)" if composed.loop.twin.tethers else "")
+    return verdict_line(found) + (" (without the tethers' pull)" if simulation.loop.twin.tethers else "")
 
 
-def verdict(composed: Simulation) -> tuple[str, str]:
+def verdict(simulation: Simulation) -> tuple[str, str]:
     """The worst verdict, and the line about it."""
-    found = holdings(composed)
-    return worst(found).verdict, _sentence(composed, found)
+    found = holdings(simulation)
+    return worst(found).verdict, _sentence(simulation, found)
 
 
-def sea_report(composed: Simulation) -> dict[str, Any]:
+def sea_report(simulation: Simulation) -> dict[str, Any]:
     """All of it as plain data, with the other wave model of the same Hs and Tz beside it."""
-    scenario, section = composed.scenario, composed.scenario.world.waves
-    found = holdings(composed)
-    model, sides = composed.loop.twin.model, list(SIDES.values())
-    stems, thrust = stemmed(model, sides, _controlled(composed)), stemmed_by_thrust(model, sides)
+    scenario, section = simulation.scenario, simulation.scenario.world.waves
+    found = holdings(simulation)
+    model, sides = simulation.loop.twin.model, list(SIDES.values())
+    stems, thrust = stemmed(model, sides, _controlled(simulation)), stemmed_by_thrust(model, sides)
     report: dict[str, Any] = {
         "scenario": scenario.name,
-        "vehicle": composed.vehicle.name,
+        "vehicle": simulation.vehicle.name,
         "waves": section.model_dump(exclude_none=True) if section else None,
         "verdict": worst(found).verdict,
-        "line": _sentence(composed, found),
+        "line": _sentence(simulation, found),
         "places": [as_data(h) for h in found],
         "stems_m_s": dict(zip(SIDES, stems.tolist(), strict=True)),
         "thrust_stems_m_s": dict(zip(SIDES, thrust.tolist(), strict=True)),
@@ -174,7 +174,7 @@ def sea_report(composed: Simulation) -> dict[str, Any]:
     }
     if isinstance(section, ThesisWavesSection):
         report["thesis_force_rms_n"] = thesis_rms(section.significant_height, section.zero_crossing_period)
-        report["real_sea"] = _in_real_sea(composed, section)
+        report["real_sea"] = _in_real_sea(simulation, section)
     elif isinstance(section, AirySection):
         sea = airy_of(section, scenario.world.floor)
         m0 = 0.5 * np.sum(np.asarray(sea.amplitude) ** 2)
@@ -183,14 +183,18 @@ def sea_report(composed: Simulation) -> dict[str, Any]:
     return report
 
 
-def _in_real_sea(composed: Simulation, section: ThesisWavesSection) -> dict[str, Any]:
+def _in_real_sea(simulation: Simulation, section: ThesisWavesSection) -> dict[str, Any]:
     """The same for a sea that moves the water; what is wrong with it where there is no such sea."""
     try:
-        sea = airy_of(real_sea(section), composed.scenario.world.floor)
+        sea = airy_of(real_sea(section), simulation.scenario.world.floor)
     except ConfigError as error:
         return {"verdict": None, "line": f"no such sea: {error}", "places": []}
-    found = holdings(composed, replace(composed.loop.twin.world, waves=sea))
-    return {"verdict": worst(found).verdict, "line": _sentence(composed, found), "places": [as_data(h) for h in found]}
+    found = holdings(simulation, replace(simulation.loop.twin.world, waves=sea))
+    return {
+        "verdict": worst(found).verdict,
+        "line": _sentence(simulation, found),
+        "places": [as_data(h) for h in found],
+    }
 
 
 def real_sea(section: ThesisWavesSection) -> AirySection:

@@ -21,29 +21,33 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.sensors.sensor import Sensor
 
 
-def provenance(scenario: Scenario, composed: Simulation) -> dict[str, str]:
+def provenance(scenario: Scenario, simulation: Simulation) -> dict[str, str]:
     """What a log must say to be replayed and judged; wall-clock time is added by the log itself."""
     datum = scenario.origin
     return {
         "version": __version__,
-        "scenario": dump_scenario(scenario_to_replay(scenario, composed)),
-        "autopilot": with_vehicle_defaults(scenario.autopilot, composed.model).model_dump_json(),
+        "scenario": dump_scenario(scenario_to_replay(scenario, simulation)),
+        "autopilot": with_vehicle_defaults(scenario.autopilot, simulation.model).model_dump_json(),
         "name": scenario.name,
         "seed": str(scenario.seed),
         "platform": platform.platform(),
         "python": platform.python_version(),
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
-        "vehicle_table": to_json(composed.vehicle_table),
-        "sensors": to_json({n: _datasheet(s, composed.on_board.part_of(n)) for n, s in composed.white_sensors.items()}),
-        "water_density": str(water.kg_per_m3 if (water := scenario.world.water) else composed.vehicle.assembly.density),
+        "vehicle_table": to_json(simulation.vehicle_table),
+        "sensors": to_json(
+            {n: _datasheet(s, simulation.on_board.part_of(n)) for n, s in simulation.white_sensors.items()}
+        ),
+        "water_density": str(
+            water.kg_per_m3 if (water := scenario.world.water) else simulation.vehicle.assembly.density
+        ),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
-        "faults": to_json(composed.faults),
+        "faults": to_json(simulation.faults),
         "datum": datum.metadata(),
         "mission": to_json(flown_points(scenario)),
         "test": to_json(spans_of(scenario)) if scenario.test else "",
-        "thrusters": to_json(composed.thruster_names),
-        "tether_length": str(composed.paid_out),
+        "thrusters": to_json(simulation.thruster_names),
+        "tether_length": str(simulation.paid_out),
     }
 
 
@@ -66,13 +70,13 @@ def _datasheet(sensor: Sensor, part: str) -> dict[str, Any]:
     return {"part": part} | {name: np.asarray(value).tolist() for name, value in figures.items()}
 
 
-def scenario_to_replay(scenario: Scenario, composed: Simulation, folder: Path | None = None) -> Scenario:
+def scenario_to_replay(scenario: Scenario, simulation: Simulation, folder: Path | None = None) -> Scenario:
     """The scenario with its vehicle written out, so that it does not depend on files that may change or move.
 
     Mesh and scene files are copied into `folder`, relative to which they are named; without one they stay where they
     are.
     """
-    vehicle = composed.vehicle.to_dict()
+    vehicle = simulation.vehicle.to_dict()
     if folder is None:
         return scenario.model_copy(update={"vehicle": vehicle})
     cameras = scenes_kept_beside(scenario.cameras, folder)

@@ -19,11 +19,11 @@ from rovtwin.runs.scoring.stalls import unfinished
 from rovtwin.scenario.schema import Scenario
 
 
-def summarise(flown: Flown, composed: Simulation, interrupted: bool) -> dict[str, Any]:
+def summarise(flown: Flown, simulation: Simulation, interrupted: bool) -> dict[str, Any]:
     """Scores, why the mission was not completed where it was not, NEES interval and the bound of the best filter."""
-    judged, twin = not composed.scenario.test, composed.loop.twin
+    judged, twin = not simulation.scenario.test, simulation.loop.twin
     figures = score(flown) if judged else score_test(flown)
-    deep = not_at_depth(flown, composed.scenario, composed.model) if figures["completed"] and judged else ""
+    deep = not_at_depth(flown, simulation.scenario, simulation.model) if figures["completed"] and judged else ""
     figures["completed"] = figures["completed"] and not deep
     interrupted = (
         interrupted and not figures["completed"] and not deep
@@ -34,44 +34,44 @@ def summarise(flown: Flown, composed: Simulation, interrupted: bool) -> dict[str
     elif figures["completed"]:
         reason = ""
     else:
-        reason = deep or figures["reason"] or not_finished(flown, composed)
+        reason = deep or figures["reason"] or not_finished(flown, simulation)
     speed = float(np.sqrt(np.mean(np.sum(flown.nu[:, :2] ** 2, axis=1))))
-    altitude = altitude_error(flown, composed.scenario)
+    altitude = altitude_error(flown, simulation.scenario)
     if altitude is not None:
         figures["depth_rms_m"] = None  # the depth asked for leads the floor: no error of the vehicle
     return figures | {
         "reason": reason,
         "why": why_ended(flown, twin.model, reason),
         "interrupted": interrupted,
-        "foreseen": [finding.line for finding in judge(composed.scenario, twin.model, sensors=twin.sensors)],
+        "foreseen": [finding.line for finding in judge(simulation.scenario, twin.model, sensors=twin.sensors)],
         "altitude_rms_m": altitude,
-        "unmet": [one.line for one in unmet_headings(flown, composed.scenario)],
+        "unmet": [one.line for one in unmet_headings(flown, simulation.scenario)],
         "touched": touched(flown, twin.model, twin.world, not judged),
-        "decisions": decisions(flown, composed.thruster_names, [(0.0, composed.scenario)], composed.model),
+        "decisions": decisions(flown, simulation.thruster_names, [(0.0, simulation.scenario)], simulation.model),
         "nees_position_interval": [low, high] if judged else None,
-        "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,
+        "bound_position_m": simulation.bound(speed) if judged and np.isfinite(speed) else None,
         "speed_rms_m_s": speed,
-        "mismatch": composed.mismatch,
+        "mismatch": simulation.mismatch,
     }
 
 
-def ending(flown: Flown, composed: Simulation, reason: str) -> str:
+def ending(flown: Flown, simulation: Simulation, reason: str) -> str:
     """How a flight that was not completed ended, when and why, in one line.
 
     Args:
         flown: The flight.
-        composed: What flew it.
+        simulation: What flew it.
         reason: Of its rule, empty where none ended it.
     """
     if not reason:
-        return not_finished(flown, composed)
-    why = why_ended(flown, composed.loop.twin.model, reason)
+        return not_finished(flown, simulation)
+    why = why_ended(flown, simulation.loop.twin.model, reason)
     return f"{reason} after {flown.duration:.0f} s" + (f", {why}" if why else "")
 
 
-def not_finished(flown: Flown, composed: Simulation) -> str:
+def not_finished(flown: Flown, simulation: Simulation) -> str:
     """That the time was over, and why: where it stalled, or how much is left."""
-    why = unfinished(flown, composed.scenario, composed.model, composed.vehicle)
+    why = unfinished(flown, simulation.scenario, simulation.model, simulation.vehicle)
     return f"not finished after {flown.duration:.0f} s: {why}"
 
 
