@@ -69,7 +69,7 @@ class Reference:
             model.quadratic_damping_ahead,
             -model.quadratic_damping_astern,
         )
-        matrices = [model.mass, model.mass_inverse, model.rigid_body_mass[:, :3], *damping, t.configuration]
+        matrices = [model.inertia, model.inertia_inverse, model.rigid_body_mass[:, :3], *damping, t.configuration]
         vectors = [model.weight, model.buoyancy, model.center_of_gravity, model.center_of_buoyancy]
         vectors += [model.displaced_mass, t.force_ahead, t.force_astern, t.exponent, t.dead_band, t.time_constant]
         vectors += [t.rate_limit, t.quantisation, t.health]

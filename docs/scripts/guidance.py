@@ -155,7 +155,7 @@ def print_gains(name, model):
     print(f"{name}: gains placed from the model")
     for row in zip("surge sway heave roll pitch yaw".split(), placed.K_p, placed.K_i, placed.K_d, strict=True):
         print("  {:6s} K_p {:7.2f}  K_i {:6.3f}  K_d {:7.2f}".format(*row))
-    m, d, g = model.mass[3, 3], linearised_damping(model)[3], restoring_stiffness(model)[3]
+    m, d, g = model.inertia[3, 3], linearised_damping(model)[3], restoring_stiffness(model)[3]
     bound = (d + printed.K_d[3]) * (g + printed.K_p[3]) / m
     print(f"  roll with table 7.1: K_i is {printed.K_i[3]:g}, stable below {bound:.2f}")
 

@@ -83,9 +83,9 @@ def lqr(model, speed):
 
     def rate(nu):
         full = jnp.zeros(6).at[LEVEL].set(nu)
-        return -(coriolis_wrench(model.mass, full) + damping_wrench(model, full))[LEVEL]
+        return -(coriolis_wrench(model.inertia, full) + damping_wrench(model, full))[LEVEL]
 
-    inverse = np.linalg.inv(np.asarray(model.mass)[np.ix_(LEVEL, LEVEL)])
+    inverse = np.linalg.inv(np.asarray(model.inertia)[np.ix_(LEVEL, LEVEL)])
     A, B = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), inverse])
     A[:3, 3:], A[3:, 3:] = np.eye(3), inverse @ np.asarray(jax.jacobian(rate)(jnp.array([speed, 0.0, 0.0])))
     A[1, 2] = speed  # going ahead with a wrong heading leads aside
@@ -100,8 +100,8 @@ def estimate_of(model, state, environment, off):
     """The truth as an estimate, with the force that the current makes, and an error `off` (2,) of the position."""
     R = rotation_from_quaternion(state.attitude)
     nu_r = state.nu.at[:3].add(-R.T @ environment.velocity)
-    still, flowing = (coriolis_wrench(model.mass, nu) + damping_wrench(model, nu) for nu in (state.nu, nu_r))
-    carried = model.mass[:3, :3] @ jnp.cross(state.nu[3:], R.T @ environment.velocity)
+    still, flowing = (coriolis_wrench(model.inertia, nu) + damping_wrench(model, nu) for nu in (state.nu, nu_r))
+    carried = model.inertia[:3, :3] @ jnp.cross(state.nu[3:], R.T @ environment.velocity)
     bias = jnp.concatenate([R @ (still - flowing)[:3] - R @ carried, jnp.zeros(3)])
     eta = jnp.concatenate([state.position.at[:2].add(off), euler_from_quaternion(state.attitude)])
     return Estimate(eta, state.nu, bias, jnp.eye(12) * 1e-4, jnp.zeros(1), jnp.zeros(1))

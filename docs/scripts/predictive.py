@@ -28,7 +28,7 @@ class Predictive:
         self.way, self.used = way, np.flatnonzero(np.abs(T).sum(axis=0) > 1e-9)
         self.T, n, self.period = T[:, self.used], len(self.used), period
         low, high = (np.asarray(limit)[self.used] for limit in force_limits(model.thrusters))
-        M = np.asarray(model.mass)[np.ix_(LEVEL, LEVEL)]
+        M = np.asarray(model.inertia)[np.ix_(LEVEL, LEVEL)]
         D1, D2 = (
             np.diagonal(np.asarray(d))[LEVEL] for d in (model.linear_damping_ahead, model.quadratic_damping_ahead)
         )

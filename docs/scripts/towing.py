@@ -40,7 +40,7 @@ def write(path: Path, with_vehicle: bool, rng: np.random.Generator) -> None:
             t, v = carriage(float(speed), hold=20.0)
             force = RIG * np.abs(v) * v + TARE + rng.normal(0, 1.0, t.size) + 2 * np.sin(2 * np.pi * 12 * t)
             if with_vehicle:
-                force += float(model.mass[0, 0]) * np.gradient(v, t)
+                force += float(model.inertia[0, 0]) * np.gradient(v, t)
                 force += np.asarray(drag(nu_of(v)))[:, 0]
             for row in zip(t, v + rng.normal(0, 0.002, t.size), force, strict=True):
                 rows.writerow([f"{speed:+.2f}", *(f"{x:.4f}" for x in row)])

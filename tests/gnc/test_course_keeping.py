@@ -80,8 +80,8 @@ def _fly(autopilot, current, offset):
         memory, state = carry
         R = rotation_from_quaternion(state.attitude)
         nu_r = state.nu.at[:3].add(-R.T @ environment.velocity)
-        still, flowing = (coriolis_wrench(MODEL.mass, nu) + damping_wrench(MODEL, nu) for nu in (state.nu, nu_r))
-        carried = MODEL.mass[:3, :3] @ jnp.cross(state.nu[3:], R.T @ environment.velocity)
+        still, flowing = (coriolis_wrench(MODEL.inertia, nu) + damping_wrench(MODEL, nu) for nu in (state.nu, nu_r))
+        carried = MODEL.inertia[:3, :3] @ jnp.cross(state.nu[3:], R.T @ environment.velocity)
         force = R @ ((still - flowing)[:3] - carried)
         euler = euler_from_quaternion(state.attitude)
         reported = jnp.concatenate([state.position.at[:2].add(off), euler, state.nu, force, jnp.zeros(3)])

@@ -58,7 +58,7 @@ def fleet(model):
     for _ in range(RUNS):
         first = rng.normal(size=18) * np.sqrt(np.asarray(tuning.initial_variance))
         b = random_walk(rng, n, intensity[12:]) + first[12:]
-        shaken = rng.normal(size=(n, 6)) * intensity[6:12] / np.sqrt(DT) @ np.asarray(model.mass).T
+        shaken = rng.normal(size=(n, 6)) * intensity[6:12] / np.sqrt(DT) @ np.asarray(model.inertia).T
         start = at(model, np.r_[0, 0, 0.5] + first[:3], first[3:6], first[6:12])
         acting = 0.5 * (b + np.concatenate([first[None, 12:], b[:-1]]))
         runs.append(replace(Run.of(model, manoeuvres(rng, SECONDS), acting, start, shaken), b=b))

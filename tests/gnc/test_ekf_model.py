@@ -123,7 +123,7 @@ def test_disturbance_force_stays_in_the_world_and_moment_in_the_body():
     b = jnp.array([2.0, 0, 0, 0.5, 0, 0])
     heading_east = jnp.zeros(18).at[5].set(jnp.pi / 2).at[12:].set(b)
     rate = state_rate(model, heading_east, jnp.zeros(6), jnp.zeros(6))
-    wrench = model.mass @ rate[6:12]
+    wrench = model.inertia @ rate[6:12]
     np.testing.assert_allclose(wrench, [0, -2.0, 0, 0.5, 0, 0], atol=1e-12)
 
 

@@ -44,7 +44,7 @@ def test_on_the_ellipse_nothing_rights_the_vehicle_and_inside_something_does(ang
         q = quaternion_from_euler(jnp.array([phi, theta, 0.0]))
         nu = jnp.concatenate([body, jnp.zeros(3)])
         nu_dot = acceleration(BARE, jnp.zeros(3), q, nu, jnp.zeros(6), Environment.calm())
-        return (BARE.mass @ nu_dot)[3:5]
+        return (BARE.inertia @ nu_dot)[3:5]
 
     stiffness = jax.jit(jax.jacfwd(moments))
     least = [float(np.linalg.det(stiffness(jnp.zeros(2), share))) for share in (0.0, 0.9, 1.0, 1.1)]

@@ -360,7 +360,7 @@ def test_a_force_that_lasts_is_learnt_from_the_accelerometer(model):
     _, bias, _, _ = map(
         np.asarray, accelerated(NavigationFilter(model, Tuning.of(model, ACCELERATED)), jnp.asarray(extra))
     )
-    mass = float(model.mass[0, 0])
+    mass = float(model.inertia[0, 0])
     assert 0.3 * 0.4 * mass < bias[round(21 / DT), 0] < 1.2 * 0.4 * mass
 
 
@@ -472,7 +472,7 @@ def test_a_thruster_that_is_gone_is_not_taken_for_a_wave(model, seed):
     """0.04 m/s2 of heave at once and for good: no pressure is refused, depth stays with it, the force is learnt."""
     mounts = MOUNTS | {"accelerometer": Mount(0.05), "dvl": Mount(0.005), "pressure": Mount(0.01)}
     n, begin = round(50 / DT), round(30 / DT)
-    mass, drag = float(model.mass[2, 2]), float(model.linear_damping_ahead[2, 2])
+    mass, drag = float(model.inertia[2, 2]), float(model.linear_damping_ahead[2, 2])
     quadratic = float(model.quadratic_damping_ahead[2, 2])
     force, w, z = 0.04 * mass, np.zeros(n + 1), np.full(n + 1, 2.0)
     for k in range(begin, n):

@@ -158,7 +158,7 @@ def test_slopes_of_damping_and_restoring_are_those_of_the_model():
     @jax.jit
     def wrench(euler, nu):
         nu_dot = acceleration(model, jnp.zeros(3), quaternion_from_euler(euler), nu, jnp.zeros(6), Environment.calm())
-        return model.mass @ nu_dot
+        return model.inertia @ nu_dot
 
     level, h, axes = jnp.zeros(3), 1e-6, np.eye(6)
     for axis in range(6):

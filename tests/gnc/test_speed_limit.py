@@ -119,7 +119,7 @@ def test_what_is_left_for_a_corner_is_the_thrust_less_what_holds_against_the_cur
     flow, heading = 0.2, 0.3
     current = flow * jnp.array([-np.sin(heading), np.cos(heading)])  # to starboard
     drag = float(damping_wrench(MODEL, jnp.zeros(6).at[1].set(flow))[1])
-    mass = float(MODEL.mass[1, 1])
+    mass = float(MODEL.inertia[1, 1])
     for side, expected in ((1.0, (10.0 + drag) / mass), (-1.0, (10.0 - drag) / mass)):
         assert SUSTAINED.aside(jnp.asarray(heading), jnp.asarray(side), current) == pytest.approx(expected, rel=1e-6)
 

@@ -105,7 +105,7 @@ def flown(parameters, L, command, seed, duration=DURATION, wrong=False):
         if np.any(base * np.exp(truth[exponents]) < 1.0):
             continue
         model, extras = parameters.model_at(truth)
-        if np.abs(np.linalg.eigvals(np.linalg.solve(model.mass, model.linear_damping_ahead))).max() > 1.0 / STEP:
+        if np.abs(np.linalg.eigvals(np.linalg.solve(model.inertia, model.linear_damping_ahead))).max() > 1.0 / STEP:
             continue
         lacking = broken.drawn(model, rng) if wrong else broken.Broken()
         if wrong:

@@ -50,7 +50,7 @@ class WithTerms(Shooting):
         flow = rotation_from_quaternion(x.attitude).T @ own["current"]
         nu_r = jnp.concatenate([x.nu[:3] - flow, x.nu[3:]])
         model = self._model(own, parts)
-        return super()._rate(own, parts, x, wrench) + model.mass_inverse @ self.terms.wrench(nu_r, wrench)
+        return super()._rate(own, parts, x, wrench) + model.inertia_inverse @ self.terms.wrench(nu_r, wrench)
 
 
 def errors(parameters, theta, offsets, logs, terms=None):

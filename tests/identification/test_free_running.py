@@ -249,7 +249,7 @@ def test_added_mass_of_one_start_where_thrust_and_damping_are_right() -> None:
     residual = start_up_residual(push, linear, quadratic)
     mass = least_squares(lambda x: residual(x[0]), [40.0], bounds=(5, 500)).x[0]
     # The lag of the thrusters, 0.2 s, is not in this model of the thesis: it looks like mass.
-    assert mass == pytest.approx(float(np.asarray(model().mass)[i, i]), rel=0.2)
+    assert mass == pytest.approx(float(np.asarray(model().inertia)[i, i]), rel=0.2)
     wrong = start_up_residual(push, 2 * linear, quadratic)
     assert abs(least_squares(lambda x: wrong(x[0]), [40.0], bounds=(5, 500)).x[0] / mass - 1) > 0.5, "errata 6"
     with pytest.raises(IdentificationError, match="readings"):

@@ -183,8 +183,8 @@ def test_all_forces_scaled_is_the_same_motion():
     theta[[i for i, p in enumerate(parameters.free) if p.name.startswith("restoring.center")]] = 0.0
     one = parameters.model_at(theta)[0]
     other = parameters.model_at(np.asarray(parameters.scaled(theta, np.log(1.3))))[0]
-    np.testing.assert_allclose(np.diag(other.mass), 1.3 * np.diag(one.mass), rtol=1e-12)
-    np.testing.assert_allclose(other.mass, 1.3 * one.mass, atol=1e-3)
+    np.testing.assert_allclose(np.diag(other.inertia), 1.3 * np.diag(one.inertia), rtol=1e-12)
+    np.testing.assert_allclose(other.inertia, 1.3 * one.inertia, atol=1e-3)
     for field in ("linear_damping_ahead", "quadratic_damping_astern"):
         np.testing.assert_allclose(np.diag(getattr(other, field)), 1.3 * np.diag(getattr(one, field)), rtol=1e-12)
     np.testing.assert_allclose(other.thrusters.force_ahead, 1.3 * one.thrusters.force_ahead)

@@ -46,7 +46,7 @@ def test_it_is_a_push_along_the_hull_of_the_size_that_it_had(pushed):
     """Water that moves by c changes the drag by (2 X_uu |u| + X_u) c."""
     push = pushed.solution.noise.push(pushed.problem.segments.grid.span)
     model = VEHICLE.model()
-    matrices = model.mass, model.linear_damping_ahead, model.quadratic_damping_ahead
+    matrices = model.inertia, model.linear_damping_ahead, model.quadratic_damping_ahead
     M, D, D_q = (float(np.asarray(x)[0, 0]) for x in matrices)
     speed = np.abs(np.asarray(pushed.solution.unknowns.nodes.nu)[:, 0])
     expected = np.sqrt(np.mean((2.0 * D_q * speed + D) ** 2)) * CURRENT / M

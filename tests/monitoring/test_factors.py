@@ -27,7 +27,7 @@ def somewhere(rng):
 def test_at_zero_it_moves_as_the_plant_does(name):
     model, rng = load_vehicle(name).model(), np.random.default_rng(1)
     x, thrust = somewhere(rng), jnp.asarray(rng.standard_normal(model.thrusters.count))
-    ours = acceleration(changed(model, jnp.zeros(16 + model.thrusters.count)), model.mass_inverse, x, thrust)
+    ours = acceleration(changed(model, jnp.zeros(16 + model.thrusters.count)), model.inertia_inverse, x, thrust)
     water = Environment.calm(velocity=jnp.append(x.current, 0.0))
     theirs = of_plant(model, x.position, x.attitude, x.nu, model.thrusters.configuration @ thrust, water)
     np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-10)
@@ -41,7 +41,7 @@ def test_added_mass_stays_positive_and_damping_takes_energy(name):
     for _ in range(20):
         other = changed(model, jnp.asarray(L @ rng.standard_normal(len(L))))
         assert np.linalg.eigvalsh(np.asarray(other.added_mass + other.added_mass.T)).min() > -1e-9
-        assert np.linalg.eigvalsh(np.asarray(other.mass + other.mass.T)).min() > 0.0
+        assert np.linalg.eigvalsh(np.asarray(other.inertia + other.inertia.T)).min() > 0.0
 
 
 @pytest.mark.parametrize("name", ["double_blueye", "tilt_six"])
@@ -50,13 +50,13 @@ def test_slopes_are_those_of_differences(name):
     p = 16 + model.thrusters.count
     x, thrust, h = somewhere(rng), jnp.asarray(rng.standard_normal(model.thrusters.count)), 0.02
     held = jnp.asarray(0.1 * rng.standard_normal(p))
-    inverse = jnp.linalg.inv(changed(model, held).mass)
+    inverse = jnp.linalg.inv(changed(model, held).inertia)
     after, _, F, G = jax.jit(linearised, static_argnums=5)(model, held, inverse, x, thrust, h)
 
     @jax.jit
     def there(error, shift):
         other = changed(model, held + shift)
-        return stepped(other, jnp.linalg.inv(other.mass), x.moved(error), thrust, h)[0].away(after)
+        return stepped(other, jnp.linalg.inv(other.inertia), x.moved(error), thrust, h)[0].away(after)
 
     def slope(of, size, step=1e-6):
         return np.stack([(of(step * e) - of(-step * e)) / (2 * step) for e in np.eye(size)], axis=1)

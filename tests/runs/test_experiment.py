@@ -308,7 +308,7 @@ def test_holding_is_placed_from_the_vehicle(no_sway):
     for name in ("double_blueye", "bluerov2_heavy", no_sway):
         model = load_vehicle(name).model()
         scales, gains = VehicleScales.of(model), HoldingGains.of(model)
-        held = np.asarray(gains.stiffness) * scales.force / np.diagonal(np.asarray(model.mass))
+        held = np.asarray(gains.stiffness) * scales.force / np.diagonal(np.asarray(model.inertia))
         share = np.sqrt(held) / scales.bandwidth
         assert share[[0, 2]] == pytest.approx([0.7, 0.7], rel=1e-4)
         assert np.isfinite(float(gains.reach)) == (name is no_sway)

@@ -40,7 +40,7 @@ def test_uncommanded_it_keeps_its_depth_and_comes_to_rest_in_yaw(name):
     first_minute = np.asarray(left.position)[: round(60.0 / DT), 2]
     assert first_minute.max() - 50.0 < 0.02
     # Linear damping alone slows it with this time constant; a large hull without fins takes a minute.
-    T = float(model.mass[5, 5] / model.linear_damping_ahead[5, 5])
+    T = float(model.inertia[5, 5] / model.linear_damping_ahead[5, 5])
     assert T < 120.0
     left_over = np.degrees(0.5 * np.exp(-110.0 / T) * 10.0)
     assert np.degrees(np.abs(np.asarray(turned.nu)[-round(10.0 / DT) :, 5]).sum() * DT) < max(1.0, left_over)

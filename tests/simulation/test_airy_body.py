@@ -81,7 +81,7 @@ def test_force_on_a_fixed_body_is_morisons():
         flow = sea.at(phase, t, place)
         environment = Environment.calm(velocity=flow.velocity, rate=flow.rate, gradient=flow.gradient, place=place)
         nu_dot = acceleration(model, place, jnp.array([1.0, 0, 0, 0]), jnp.zeros(6), jnp.zeros(6), environment)
-        force = (model.mass @ nu_dot)[:3]
+        force = (model.inertia @ nu_dot)[:3]
         inertia = model.displaced_mass * flow.rate + model.added_mass[:3, :3] @ flow.rate
         drag = -damping_wrench(model, -jnp.concatenate([flow.velocity, jnp.zeros(3)]))[:3]
         # Convective terms, which Morison leaves out, are k a = 2 % of the largest force.

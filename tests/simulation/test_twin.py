@@ -197,4 +197,4 @@ def test_gradient_through_a_flight_is_finite(twin):
 
     gradient = eqx.filter_jit(eqx.filter_grad(reading))(twin.model)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
-    assert np.abs(gradient.mass_inverse).max() > 0 and np.abs(gradient.damping).max() > 0
+    assert np.abs(gradient.inertia_inverse).max() > 0 and np.abs(gradient.damping).max() > 0

@@ -79,7 +79,7 @@ def same_attitude(a, b, atol: float) -> None:
 def test_coriolis_does_no_work(model, seed, nu):
     """nu . C(nu) nu = 0 for the vehicle and for any symmetric matrix."""
     a = np.random.default_rng(seed).normal(size=(6, 6))
-    for M in (model.rigid_body_mass, model.added_mass, model.mass, jnp.asarray(a @ a.T)):
+    for M in (model.rigid_body_mass, model.added_mass, model.inertia, jnp.asarray(a @ a.T)):
         force = np.asarray(coriolis(M, nu))
         assert abs(nu @ force) <= 1e-13 * (1 + np.abs(nu) @ np.abs(force))
 
@@ -90,7 +90,7 @@ def test_coriolis_is_the_textbooks(model, nu):
     plant = oracle.plant_of(model)
     C_RB = oracle.rigid_body_coriolis(plant.m, plant.I_b, plant.r_g, nu)
     C_A = oracle.added_mass_coriolis(plant.M_A, nu)
-    scale = np.abs(np.asarray(model.mass)).max()
+    scale = np.abs(np.asarray(model.inertia)).max()
     for C, M in ((C_RB, model.rigid_body_mass), (C_A, model.added_mass)):
         np.testing.assert_allclose(C, -C.T, atol=1e-12 * scale)
         np.testing.assert_allclose(coriolis(M, nu), C @ nu, atol=1e-12 * scale)
@@ -98,10 +98,10 @@ def test_coriolis_is_the_textbooks(model, nu):
 
 @given(vehicles())
 def test_inertia_is_positive_definite(model):
-    for M in (model.rigid_body_mass, model.added_mass, model.mass):
+    for M in (model.rigid_body_mass, model.added_mass, model.inertia):
         np.testing.assert_allclose(M, np.asarray(M).T, atol=1e-12 * float(jnp.abs(M).max()))
         assert np.linalg.eigvalsh(M).min() > 0
-    np.testing.assert_allclose(model.mass @ model.mass_inverse, np.eye(6), atol=1e-9)
+    np.testing.assert_allclose(model.inertia @ model.inertia_inverse, np.eye(6), atol=1e-9)
 
 
 @given(vehicles(), velocities)
@@ -181,10 +181,10 @@ def test_free_body_keeps_its_momentum(model, state):
     """Without drag and restoring the momentum of body and water, seen in n, stays; so does the energy."""
     states = fly(model, state, np.zeros(THRUSTERS), STILL)
     before, after = (
-        (model.mass @ nu, rotate(q)) for q, nu in ((state.attitude, state.nu), (states.attitude[-1], states.nu[-1]))
+        (model.inertia @ nu, rotate(q)) for q, nu in ((state.attitude, state.nu), (states.attitude[-1], states.nu[-1]))
     )
     np.testing.assert_allclose(after[1] @ after[0][:3], before[1] @ before[0][:3], rtol=1e-8, atol=1e-8)
-    energy = 0.5 * np.einsum("ti,ij,tj->t", states.nu, model.mass, states.nu)
+    energy = 0.5 * np.einsum("ti,ij,tj->t", states.nu, model.inertia, states.nu)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-8)
 
 

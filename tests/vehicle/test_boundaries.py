@@ -73,7 +73,7 @@ def test_a_floating_box_has_its_metacentre():
         # Floating freely it turns about the waterplane; CO is at the centre of the box, off it by its height there.
         state = jnp.array([0.0, 0.0, z])
         nu_dot = acceleration(model, state, q, jnp.zeros(6), jnp.zeros(6), Environment.calm(surface=SURFACE))
-        moment = (model.mass @ nu_dot)[3 + axis]
+        moment = (model.inertia @ nu_dot)[3 + axis]
         assert float(moment) == pytest.approx(-float(model.weight) * GM * angle, rel=1e-3)
 
 
@@ -108,7 +108,7 @@ def test_waves_push_what_is_wet():
     for z in (5.0, 0.0):
         environment = Environment.calm(surface=SURFACE, rate=rate)
         nu_dot = acceleration(model, jnp.array([0.0, 0.0, z]), START.attitude, jnp.zeros(6), jnp.zeros(6), environment)
-        push.append(float((model.mass @ nu_dot)[0]))
+        push.append(float((model.inertia @ nu_dot)[0]))
     assert push[0] == pytest.approx(0.4 * float(model.displaced_mass + model.added_mass[0, 0]), rel=1e-9)
     assert push[1] == pytest.approx(0.5 * push[0], rel=1e-9)
 

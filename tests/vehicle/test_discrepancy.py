@@ -115,7 +115,7 @@ def test_it_is_in_the_equations_of_motion_under_gradients_and_batches():
     calm = Environment.calm()
     gained = acceleration(model, jnp.zeros(3), q, nu, tau, calm) - acceleration(bare, jnp.zeros(3), q, nu, tau, calm)
     learned = learned_wrench(model, nu, tau)
-    np.testing.assert_allclose(model.mass @ gained, learned, atol=1e-9)
+    np.testing.assert_allclose(model.inertia @ gained, learned, atol=1e-9)
     assert np.abs(np.asarray(learned)).max() > 1e-2
     assert learned_wrench(bare, nu, tau) == 0.0
 

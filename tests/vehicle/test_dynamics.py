@@ -133,7 +133,7 @@ def test_gradient_of_a_rollout_is_that_of_differences():
     """With respect to every number of the vehicle, the start, the commands and the current at once."""
     model, state, v_c = build(11), random_state(12), jnp.array([0.1, -0.2, 0.05])
     u = jnp.asarray(random_commands(13, 100))
-    names = [name for name in vars(model) if name not in ("mass", "mass_inverse", "damping", "thrusters")]
+    names = [name for name in vars(model) if name not in ("inertia", "inertia_inverse", "damping", "thrusters")]
     parameters = {name: getattr(model, name) for name in names}
     force = model.thrusters.force_ahead, model.thrusters.force_astern, model.thrusters.time_constant
     target = jnp.asarray(np.random.default_rng(14).normal(size=13))
@@ -231,8 +231,8 @@ def test_start():
 def test_replace_makes_derived_arrays_anew():
     model = build(1)
     heavier = model.replace(added_mass=2 * model.added_mass)
-    np.testing.assert_allclose(heavier.mass, model.rigid_body_mass + 2 * model.added_mass)
-    np.testing.assert_allclose(heavier.mass @ heavier.mass_inverse, np.eye(6), atol=1e-9)
+    np.testing.assert_allclose(heavier.inertia, model.rigid_body_mass + 2 * model.added_mass)
+    np.testing.assert_allclose(heavier.inertia @ heavier.inertia_inverse, np.eye(6), atol=1e-9)
     with pytest.raises(TypeError, match="no parameter"):
         model.replace(mass=1.0)
 

@@ -79,7 +79,7 @@ def test_at_the_top_speed_thrust_less_what_is_lost_is_drag(name):
     tau, calm = model.thrusters.configuration @ thrust, Environment.calm()
     inflow = inflow_of(model, jnp.asarray(thrust))
     feels = [acceleration(model, jnp.array([0.0, 0.0, 10.0]), still, nu, tau, calm, inflow=i) for i in (inflow, None)]
-    np.testing.assert_allclose((model.mass @ (feels[0] - feels[1]))[0], lost, rtol=1e-9)
+    np.testing.assert_allclose((model.inertia @ (feels[0] - feels[1]))[0], lost, rtol=1e-9)
 
 
 def test_the_monitor_has_it(model):
@@ -90,7 +90,7 @@ def test_the_monitor_has_it(model):
     x = dataclasses.replace(Motion.at(jnp.array([0.0, 0.0, 10.0]), q), nu=nu)
     tau, calm = model.thrusters.configuration @ thrust, Environment.calm()
     plant = acceleration(model, x.position, q, nu, tau, calm, inflow=inflow_of(model, thrust))
-    np.testing.assert_allclose(followed(model, model.mass_inverse, x, thrust), plant, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(followed(model, model.inertia_inverse, x, thrust), plant, rtol=1e-9, atol=1e-12)
 
 
 def test_the_twin_is_slower_in_a_short_push(model):

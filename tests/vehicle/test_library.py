@@ -53,8 +53,8 @@ def diagonal(matrix):
 def test_every_file_is_sound(name):
     found = load_vehicle(name)
     model = found.model()
-    assert np.linalg.eigvalsh(np.asarray(model.mass))[0] > 0
-    np.testing.assert_allclose(model.mass, np.asarray(model.mass).T, atol=1e-12)
+    assert np.linalg.eigvalsh(np.asarray(model.inertia))[0] > 0
+    np.testing.assert_allclose(model.inertia, np.asarray(model.inertia).T, atol=1e-12)
     assert driving_velocity(found.assembly.damping()) is None
     assert all(np.isfinite(leaf).all() or (leaf == np.inf).any() for leaf in jax.tree.leaves(model))
 
@@ -325,7 +325,7 @@ def test_eigenvalues_are_those_of_the_nonlinear_equations():
 def test_natural_periods():
     """A pendulum by hand, with coupling: M_A couples roll and sway in neither vehicle here."""
     model = load_vehicle("double_blueye").model()
-    M, k = np.asarray(model.mass), 294.3 * 0.025
+    M, k = np.asarray(model.inertia), 294.3 * 0.025
     np.testing.assert_allclose(hang(model).periods, 2 * np.pi * np.sqrt([M[3, 3] / k, M[4, 4] / k]), rtol=1e-6)
 
 

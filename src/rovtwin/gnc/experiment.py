@@ -85,7 +85,7 @@ class HoldingGains(eqx.Module):
         scales = VehicleScales.of(model)
         able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
         able &= (scales.force > 0.0) & (SHARE > 0.0)
-        inertia = np.diagonal(np.asarray(model.mass))
+        inertia = np.diagonal(np.asarray(model.inertia))
         over_force = np.where(able, 1.0 / np.where(able, scales.force, 1.0), 0.0)
         w = SHARE * scales.bandwidth
         drag = np.diagonal(np.asarray(model.linear_damping_ahead))

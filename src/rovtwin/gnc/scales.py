@@ -70,7 +70,7 @@ class VehicleScales:
         net = np.zeros(6)
         net[HEAVE] = float(model.weight - model.buoyancy)
         force = np.where(upper > lower, np.maximum(np.minimum(upper + net, -lower - net), 0.0), 0.0)
-        acceleration = force / np.diagonal(np.asarray(model.mass))
+        acceleration = force / np.diagonal(np.asarray(model.inertia))
         bandwidth = _bandwidth(acceleration, length, _lag(model))
         return cls(
             length=length,
@@ -155,7 +155,7 @@ def straight(model: Model) -> np.ndarray:
     turning = np.zeros(6)
     turning[3:] = (added[2] - added[1]) * aside**2, (added[2] - added[0]) * ahead**2, (added[1] - added[0]) * ahead**2
     stiffness = np.maximum(STRAIGHT * np.maximum(turning, 0.0) - righting(model), 0.0)
-    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.mass))), LAGGED / _lag(model))
+    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.inertia))), LAGGED / _lag(model))
 
 
 def _lag(model: Model) -> float:
@@ -181,7 +181,7 @@ def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
     a body away from its motion where the added mass across is the larger one. Surge and heave turn pitch, sway and
     heave roll.
     """
-    controlled = bandwidth**2 * np.diagonal(np.asarray(model.mass))
+    controlled = bandwidth**2 * np.diagonal(np.asarray(model.inertia))
     a_x, a_y, a_z = np.diagonal(np.asarray(model.added_mass))[:3]
     roll, pitch = np.maximum(righting(model) + controlled, 0.0)[3:5]
 

@@ -74,7 +74,7 @@ class Factors:
 
 
 def changed(model: Model, theta: Array) -> Model:
-    """The vehicle with these factors; its `mass_inverse` is that of `model` still, for who solves by other means.
+    """The vehicle with these factors; its `inertia_inverse` is that of `model` still, for who solves by other means.
 
     Args:
         model: The vehicle at theta = 0.
@@ -90,7 +90,7 @@ def changed(model: Model, theta: Array) -> Model:
     return eqx.tree_at(
         lambda m: (
             m.added_mass,
-            m.mass,
+            m.inertia,
             m.damping,
             m.buoyancy,
             m.center_of_buoyancy,

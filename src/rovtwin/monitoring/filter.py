@@ -159,7 +159,7 @@ class MotionFilter(eqx.Module):
             held: Theta, shape (p,).
             seen: Readings, leading axis steps.
         """
-        inverse = jnp.linalg.inv(changed(self.model, held).mass)
+        inverse = jnp.linalg.inv(changed(self.model, held).inertia)
 
         def step(carry: tuple[Memory, Gathered], now: Seen) -> tuple[tuple[Memory, Gathered], None]:
             memory, sums = carry

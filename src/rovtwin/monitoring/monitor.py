@@ -265,7 +265,7 @@ def _passes(
 
 def step_of(model: Model, scales: VehicleScales) -> float:
     """Step of the filter [s]: a whole number of them is a second, and none of the vehicle's rates is too quick."""
-    M = np.diag(np.asarray(model.mass))
+    M = np.diag(np.asarray(model.inertia))
     drag = np.diag(np.asarray(model.linear_damping_ahead))
     drag = drag + 2.0 * np.diag(np.asarray(model.quadratic_damping_ahead)) * np.where(
         np.isfinite(scales.top), scales.top, 0
@@ -278,7 +278,7 @@ def step_of(model: Model, scales: VehicleScales) -> float:
 
 def _noise(model: Model, scales: VehicleScales) -> Noise:
     """Beliefs by the vehicle's size; those of the motion's noise are only where learning starts."""
-    own, M = beliefs(model), np.diag(np.asarray(model.mass))
+    own, M = beliefs(model), np.diag(np.asarray(model.inertia))
     speed = own["current_std"]
     lightest, strongest = 0.01 * scales.weight, max(scales.force[:3].max(), 0.01 * scales.weight)
     # Moments of a vehicle are badly known: who trusts them reads the speed through the water off them.

@@ -98,10 +98,10 @@ def acceleration(model: Model, inverse: Array, x: Motion, thrust: Array) -> Arra
     if model.thrusters.inflow_loss is not None:
         lost = inflow_damping(model.thrusters, thrust)
         pushed = pushed + inflow_wrench(model.thrusters.configuration, lost, nu_r)
-    water = coriolis_wrench(model.mass, nu_r) + drag - learned_wrench(model, nu_r, tau, drag)
+    water = coriolis_wrench(model.inertia, nu_r) + drag - learned_wrench(model, nu_r, tau, drag)
     f = pushed - water - restoring_wrench(model, R_nb[2])
     held = jax.lax.stop_gradient(inverse @ f)
-    relative = held + inverse @ (f - model.mass @ held)
+    relative = held + inverse @ (f - model.inertia @ held)
     return relative - jnp.concatenate([cross(omega, flow), jnp.zeros(3)])
 
 

@@ -53,7 +53,7 @@ class Limits:
             length=size(model),
             force=force,
             top=np.array(top),
-            mass=np.diagonal(np.asarray(model.mass)),
+            mass=np.diagonal(np.asarray(model.inertia)),
             level=scales.level_speed,
             upright=scales.upright[:2],
             munk_yaw=float(added[1] - added[0]),

@@ -56,7 +56,7 @@ class Pace:
         moment = SHARE * min(-port, starboard)
         if moment <= 0:
             raise ConfigError("vehicle: its thrusters cannot turn it both ways, so that it can fly no lines")
-        mass = np.asarray(model.mass)
+        mass = np.asarray(model.inertia)
         # Drag helps to slow down and hinders speeding up, at the middle of both by half of its largest.
         drag = 0.5 * drag_ahead(model, speed)
         return cls(

@@ -120,7 +120,9 @@ def _gains(model: Model, weights: _Weights, motion: np.ndarray, speed: float, ti
     A[n, 0] = 1.0
     A[n, angles] = np.where(axes == 1, -speed, 0.0)  # z_dot = w - u theta
     B = np.zeros((n + 1, 1))
-    B[: 1 + len(axes), 0] = (np.asarray(model.mass_inverse) @ wrench_of_forces(model)[:, HEAVE])[states[: rates.stop]]
+    B[: 1 + len(axes), 0] = (np.asarray(model.inertia_inverse) @ wrench_of_forces(model)[:, HEAVE])[
+        states[: rates.stop]
+    ]
     Q = np.zeros(n + 1)
     Q[0], Q[angles], Q[n] = weights.speed, weights.tilt, weights.depth
     P = solve_continuous_are(A - weights.decay * np.eye(n + 1), B, np.diag(Q), np.full((1, 1), weights.thrust))

@@ -134,12 +134,12 @@ class Tracking(Block):
         scales = VehicleScales.of(model)
         requested = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
         w = np.maximum(requested, straight(model))
-        rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
+        rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.inertia))
         able = pushed_axes(model)
         zeta = np.broadcast_to(damping_ratio, 6)
         tilting = HeaveFeedback.of(model, None if bandwidth is None else float(requested[HEAVE]), float(zeta[HEAVE]))
         follows = able & ((np.arange(6) != HEAVE) | (tilting is None))
-        inertia = np.diagonal(np.asarray(model.mass))[3:]
+        inertia = np.diagonal(np.asarray(model.inertia))[3:]
         return cls(
             model=model,
             sustained=AchievableSpeed.of(model),
@@ -187,7 +187,7 @@ class Tracking(Block):
         nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
         desired = (
-            model.mass @ nu_dot
+            model.inertia @ nu_dot
             + self._flow(estimate, nu, nu_ref)
             + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, DOWN)[3:]])
             - disturbance
@@ -256,7 +256,7 @@ class Tracking(Block):
         without thrusters is what it is.
         """
         model = self.model
-        forces = coriolis_wrench(model.mass, nu_ref) + damping_wrench(model, nu_ref)
+        forces = coriolis_wrench(model.inertia, nu_ref) + damping_wrench(model, nu_ref)
         moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
         nu_r = self._through_water(estimate, nu, nu_ref)
         rigid = coriolis_wrench(model.rigid_body_mass, moves)

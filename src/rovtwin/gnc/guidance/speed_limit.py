@@ -75,7 +75,7 @@ class AchievableSpeed(eqx.Module):
         level = LevelSpeed.of(model)
         kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
         speed = np.where(some, kept_up, FREE)
-        mass = _horizontal(model.mass)[1]
+        mass = _horizontal(model.inertia)[1]
         push = np.where(some, force / mass, FREE)[:, 1]
         return cls(linear, quadratic, speed, push, mass, level)
 

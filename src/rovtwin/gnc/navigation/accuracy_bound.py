@@ -76,7 +76,7 @@ def position_bound(
     for name, value in walks.items():
         if not (math.isfinite(value) and value >= 0):
             raise ConfigError(f"position bound: {name}: found {value}, expected a number of at least 0")
-    mass, slope = np.diag(model.mass)[:2], damping_slopes(model, speed)
+    mass, slope = np.diag(model.inertia)[:2], damping_slopes(model, speed)
     sigmas = []
     for m, d in zip(mass, slope, strict=True):
         F = np.array([[0, 1, 0, 0], [0, -d / m, 1 / m, 0], [0, 0, 0, 0], [0, 0, 0, 0]])

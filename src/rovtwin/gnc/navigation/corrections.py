@@ -47,7 +47,7 @@ def opening(kind: str, residual: Array, x: NavigationState, model: Model) -> Arr
     """
     square, none = residual**2, jnp.zeros(ERRORS)
     if kind == "accelerometer":
-        force = rotation_from_quaternion(x.attitude) @ (model.mass[:3, :3] @ residual)
+        force = rotation_from_quaternion(x.attitude) @ (model.inertia[:3, :3] @ residual)
         return jnp.diag(jnp.where(jnp.sum(square) < STRONGEST**2, none.at[FORCE_N].set(force**2), 0.0))
     if kind == "attitude":
         return jnp.diag(none.at[ATTITUDE].set(square))
@@ -96,7 +96,7 @@ def opened_for_waves(
     down_b, none = rotation_from_quaternion(x.attitude)[2], jnp.zeros(ERRORS)
     swapped = jnp.concatenate([none[: VELOCITY.start], down_b, none[VELOCITY.stop :]])
     swapped = jnp.concatenate([swapped[: WAVE_VELOCITY.stop - 1], -jnp.ones(1), swapped[WAVE_VELOCITY.stop :]])
-    force = model.mass[2, 2] ** 2 * ((down_b * down_b) @ jnp.maximum(sea.acceleration_variance, 0.0))
+    force = model.inertia[2, 2] ** 2 * ((down_b * down_b) @ jnp.maximum(sea.acceleration_variance, 0.0))
     opened = force * np.outer(FORCE_DOWN, FORCE_DOWN) + x.wave_velocity[2] ** 2 * jnp.outer(swapped, swapped)
     opened = opened + taken_for_wave(x, residual) ** 2 * np.outer(SWAPPED, SWAPPED)
     return P + jnp.where(wrong, 1.0, 0.0) * opened, jnp.where(wrong, 0.0, depth_bias)

@@ -71,7 +71,7 @@ def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
     """Force that acts besides what the model has in still water, without that of the waves, b [N], shape (3,)."""
     R_bn = rotation_from_quaternion(x.attitude).T
     current = R_bn[:, 0] * x.current[0] + R_bn[:, 1] * x.current[1]
-    nu, mass = jnp.concatenate([x.velocity, omega]), model.mass[:3]
+    nu, mass = jnp.concatenate([x.velocity, omega]), model.inertia[:3]
     nu_r = jnp.concatenate([x.velocity - current, omega])
     still = motion.damping_force(model, nu) + cross(omega, mass @ nu)
     flowing = jnp.exp(x.drag) * motion.damping_force(model, nu_r) + cross(omega, mass @ nu_r)

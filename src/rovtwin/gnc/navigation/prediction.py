@@ -81,15 +81,15 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     steady = R_bn @ (x.force_n + net)
     scale = jnp.exp(x.drag)
     drag = scale * damping_force(model, nu_r)
-    momentum = model.mass[:3] @ nu_r
+    momentum = model.inertia[:3] @ nu_r
     learned, dlearned_dv = learned_force(model, nu_r, tau)
     force = tau[:3] + learned + steady + jnp.append(x.force_b, 0.0) - drag - cross(omega, momentum)
     inverse = force_inverse(model)
     along = cross(omega, current_b)
-    value = inverse @ (force - model.mass[:3, 3:] @ turning.omega_dot) - along
+    value = inverse @ (force - model.inertia[:3, 3:] @ turning.omega_dot) - along
 
     S_c, S_w = skew(current_b), skew(omega)
-    dforce_dv = dlearned_dv - scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.mass[:3, :3])
+    dforce_dv = dlearned_dv - scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.inertia[:3, :3])
     dv = product(inverse, dforce_dv)
     dattitude = product(inverse, skew(steady)) - product(dv, S_c) - product(S_w, S_c)
     dcurrent = -product(dv + S_w, R_bn)[:, :2]
@@ -271,7 +271,7 @@ def side_by_side(rows: int, *blocks: tuple[slice, Array]) -> Array:
 
 def force_inverse(model: Model) -> Array:
     """Inverse of the linear part of M, shape (3, 3), by cofactors: no library call inside a scan."""
-    a, b, c = model.mass[0, :3], model.mass[1, :3], model.mass[2, :3]
+    a, b, c = model.inertia[0, :3], model.inertia[1, :3], model.inertia[2, :3]
     bc = cross(b, c)
     return jnp.stack([bc, cross(c, a), cross(a, b)], axis=1) / (a @ bc)
 

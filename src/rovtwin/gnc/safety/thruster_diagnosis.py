@@ -205,7 +205,7 @@ class ThrusterHealth(Block):
         """Momentum, and the wrench that is not the model's, b [N, N m], both shape (6,)."""
         model, nu = self.model, estimate.nu
         down_b = rotation_from_euler(estimate.eta[3:])[2]
-        momentum = model.mass @ nu
+        momentum = model.inertia @ nu
         tau = model.thrusters.configuration @ (memory.health * force)
         flow = self._flow(estimate) - learned_wrench(model, self.sustained.through_water(estimate), tau)
         known = tau - coriolis_wrench(model.rigid_body_mass, nu) - flow - restoring_wrench(model, down_b)

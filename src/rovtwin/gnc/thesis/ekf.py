@@ -104,7 +104,7 @@ class Ekf(Block):
             after = lag(thrusters, halfway, target, 0.5 * dt)
         T = thrusters.configuration
         x, half = discrete_step(self.model, memory.x, T @ before, T @ halfway, tuning.bias_decay, dt)
-        scatter = self.model.mass_inverse @ (T * (tuning.thrust_noise * halfway))
+        scatter = self.model.inertia_inverse @ (T * (tuning.thrust_noise * halfway))
         noise = jnp.diag(tuning.process_variance) + jnp.pad(product(scatter, scatter.T), ((6, 6), (6, 6)))
         # The noise comes in the middle of the step: what shakes nu has moved eta by the end of it. All of it after the
         # step, as in (2.41), the compass would seem to tell moments from noise, and b would be overconfident.

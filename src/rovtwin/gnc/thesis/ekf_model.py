@@ -38,11 +38,11 @@ def state_rate(model: Model, x: Array, tau: Array, bias_decay: Array) -> Array:
         tau
         + learned_wrench(model, nu, tau)
         + jnp.concatenate([R_nb.T @ b[:3], b[3:]])
-        - coriolis_wrench(model.mass, nu)
+        - coriolis_wrench(model.inertia, nu)
         - damping_wrench(model, nu)
         - restoring_wrench(model, R_nb[2])
     )
-    rates = [R_nb @ nu[:3], euler_rate_matrix(euler) @ nu[3:], model.mass_inverse @ wrench, -bias_decay * b]
+    rates = [R_nb @ nu[:3], euler_rate_matrix(euler) @ nu[3:], model.inertia_inverse @ wrench, -bias_decay * b]
     return jnp.concatenate(rates)
 
 
@@ -61,14 +61,14 @@ def state_jacobian(model: Model, x: Array, bias_decay: Array) -> Array:
     db_b = jnp.stack([-(R_nb.T @ cross(axis, b[:3])) for axis in axes], axis=1)
     ddown = jnp.stack([_down_rate(axis, R_nb) for axis in axes], axis=1)
     dwrench_deuler = jnp.concatenate([db_b, zero33]) - product(_restoring_slope(model), ddown)
-    dwrench_dnu = -_coriolis_slope(model.mass, nu) - _damping_slope(model, nu)
+    dwrench_dnu = -_coriolis_slope(model.inertia, nu) - _damping_slope(model, nu)
     dwrench_db = jnp.block([[R_nb.T, zero33], [zero33, jnp.eye(3)]])
     dwrench = jnp.concatenate([dwrench_deuler, dwrench_dnu, dwrench_db], axis=1)
     return jnp.concatenate(
         [
             jnp.concatenate([zero33, dv_n, R_nb, zero33, zero36], axis=1),
             jnp.concatenate([zero33, _euler_rate_slope(euler, nu[3:]), zero33, T, zero36], axis=1),
-            jnp.concatenate([zero63, product(model.mass_inverse, dwrench)], axis=1),
+            jnp.concatenate([zero63, product(model.inertia_inverse, dwrench)], axis=1),
             jnp.concatenate([jnp.zeros((6, 12)), -jnp.diag(bias_decay)], axis=1),
         ]
     )

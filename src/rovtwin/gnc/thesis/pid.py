@@ -105,7 +105,7 @@ class Pid(Block):
         Reference: Fossen (2021), algorithm 15.1 and eqs. 15.74-15.76.
         """
         w, zeta = as_array(bandwidth), as_array(damping_ratio)
-        m, d, g = jnp.diagonal(model.mass), linearised_damping(model, speed), restoring_stiffness(model)
+        m, d, g = jnp.diagonal(model.inertia), linearised_damping(model, speed), restoring_stiffness(model)
         able = as_array(pushed_axes(model))
         return cls(
             K_p=able * jnp.maximum(m * w**2 - g, 0.0),

@@ -97,7 +97,7 @@ def about_segments(span: float, pushed: bool) -> list[str]:
 def about_push(parameters: Parameters, theta: np.ndarray, push: np.ndarray) -> list[str]:
     """What the model lacks and lasts for seconds, where it is not small beside the thrust; push as of `Noise`, (6,)."""
     model = parameters.model_at(theta)[0]
-    force, most = np.diag(np.asarray(model.mass)) * push, np.abs(reach(model)).max(axis=1)
+    force, most = np.diag(np.asarray(model.inertia)) * push, np.abs(reach(model)).max(axis=1)
     large = [i for i in range(6) if most[i] > 0.0 and force[i] > PUSHED * most[i]]
     if not large:
         return []

@@ -147,7 +147,7 @@ class Regression:
         others = others[good] / (np.abs(others[good]).max(axis=0) + 1e-9)
         Q = np.linalg.qr(others + 1e-9 * np.random.default_rng(0).normal(size=others.shape))[0]
         left = y[good] - Q @ (Q.T @ y[good])
-        pattern = np.asarray(model.mass_inverse @ model.thrusters.configuration)[list(axes)]
+        pattern = np.asarray(model.inertia_inverse @ model.thrusters.configuration)[list(axes)]
         return cls(axes, left, Q, good, pattern)
 
     def against(self, force: np.ndarray) -> Response:

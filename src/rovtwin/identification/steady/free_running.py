@@ -167,7 +167,7 @@ def _runs(
     t = history.t
     tau = forces(model, record, t, linear=method == "thesis")
     rest = np.concatenate([weights(model, record, history.attitude), np.zeros((len(t), 3))], axis=1)
-    mass = np.asarray(model.mass) + np.diag([1.0, 1, 1, 0, 0, 0]) * sum(b.mass for b in record.ballast)
+    mass = np.asarray(model.inertia) + np.diag([1.0, 1, 1, 0, 0, 0]) * sum(b.mass for b in record.ballast)
     nu = history.nu()
     turning = coriolis(mass, nu)
     most = np.abs(np.asarray(model.thrusters.configuration)) @ full_thrust(model)

@@ -195,7 +195,7 @@ def _onboard(model: Model, places: tuple[int, ...], origin: np.ndarray, drones: 
     chosen = _chosen(model.thrusters, places)
     T = np.asarray(chosen.configuration)
     T = np.concatenate([T[:3], T[3:] - np.cross(np.broadcast_to(origin, (T.shape[1], 3)), T[:3].T).T])
-    inertia = np.diagonal(np.asarray(model.mass)) / drones
+    inertia = np.diagonal(np.asarray(model.inertia)) / drones
     return Onboard.of(replace(chosen, configuration=as_array(T)), inertia)
 
 

@@ -195,7 +195,7 @@ def disturbance_table(result: Any) -> Table:
     """What pushed the vehicle and is in no model, by direction."""
     noise, grid = result.solution.noise, result.problem.segments.grid
     missed, lasting, least = noise.defect[6:12], noise.push(grid.span), 2e-5  # its floor
-    mass = np.asarray(result.model().mass).diagonal()
+    mass = np.asarray(result.model().inertia).diagonal()
     rows = [
         [
             name,

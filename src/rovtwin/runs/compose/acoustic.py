@@ -34,7 +34,7 @@ def acoustic_mount(sensor: Sensor, model: Model, force_walk: float) -> Mount:
     assert sensor.errors is not None
     errors, white = sensor.errors, float(np.asarray(sensor.noise)[0])
     rate = sensor.rate / 1000 * (1.0 - float(sensor.dropout))
-    jerk = force_walk / float(np.asarray(model.mass)[0, 0])
+    jerk = force_walk / float(np.asarray(model.inertia)[0, 0])
 
     def equivalent(std: object, memory: object) -> float:
         return equivalent_white(float(np.asarray(std)), float(np.asarray(memory)), rate, jerk)

@@ -47,7 +47,7 @@ class ExperimentScales:
         some = able & (np.arange(6) < 3) if able[:3].any() else able
         unit = float(np.exp(np.log(rise[some]).mean())) if some.any() else 1.0 / scales.level_bandwidth
         righting = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
-        inertia = np.diagonal(np.asarray(model.mass))[3:5]
+        inertia = np.diagonal(np.asarray(model.inertia))[3:5]
         swing = float(2.0 * np.pi * np.sqrt(inertia.max() / righting)) if righting > 0.0 else None
         # Roll is turned by the side, pitch by the bow.
         lever = np.abs(np.asarray(model.hull.corners)).max(axis=0)[[1, 0]]

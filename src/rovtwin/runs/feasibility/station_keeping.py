@@ -256,7 +256,7 @@ def _held(model: Model, world: World, key: Array, state: State, steps: int, dt: 
 def _required(model: Model, state: State, environment: Environment) -> Array:
     """-M nu_dot at nu = 0 without thrust, shape (6,): exact, for nu_dot is linear in the thrusters' wrench."""
     nu_dot = acceleration(model, state.position, state.attitude, jnp.zeros(6), jnp.zeros(6), environment)
-    return -model.mass @ nu_dot
+    return -model.inertia @ nu_dot
 
 
 @jax.jit

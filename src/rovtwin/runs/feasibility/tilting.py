@@ -66,7 +66,7 @@ def tilts(model: Model, flow: np.ndarray, dive: float | None, position_std: floa
 
 
 def _plane(model: Model, scales: VehicleScales, angle: int, level: int) -> _Plane:
-    mass, added = np.diagonal(np.asarray(model.mass)), np.diagonal(np.asarray(model.added_mass))
+    mass, added = np.diagonal(np.asarray(model.inertia)), np.diagonal(np.asarray(model.added_mass))
     linear, quadratic = (
         np.diagonal(np.asarray(d)) for d in (model.linear_damping_ahead, model.quadratic_damping_ahead)
     )

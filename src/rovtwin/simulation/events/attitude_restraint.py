@@ -33,4 +33,4 @@ class AttitudeRestraint(eqx.Module):
         w = self.frequency
         pull = -(w**2) * jnp.concatenate([jnp.zeros(3), turned]) - 2.0 * w * state.nu
         carried = restoring_wrench(model, desired[2]) * jnp.asarray([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-        return jnp.where(jnp.any(holding), jnp.diagonal(model.mass) * pull + carried, 0.0)
+        return jnp.where(jnp.any(holding), jnp.diagonal(model.inertia) * pull + carried, 0.0)

@@ -134,7 +134,7 @@ def _way(
     side = "ahead" if sign > 0 else "astern"
     linear = float(np.asarray(getattr(model, f"linear_damping_{side}"))[axis, axis])
     quadratic = float(np.asarray(getattr(model, f"quadratic_damping_{side}"))[axis, axis])
-    mass = float(np.asarray(model.mass)[axis, axis])
+    mass = float(np.asarray(model.inertia)[axis, axis])
 
     def rate(t: float, x: np.ndarray) -> tuple[float, float]:
         v = float(x[1])

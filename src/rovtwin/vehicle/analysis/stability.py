@@ -54,7 +54,7 @@ def hang(model: Model) -> Hydrostatics:
     """Still water: trim, stiffness and natural periods."""
     r_g, r_b = np.asarray(model.center_of_gravity), np.asarray(model.center_of_buoyancy)
     rest = floating(float(model.weight), float(model.buoyancy), r_g, r_b)
-    M = np.asarray(model.mass)
+    M = np.asarray(model.inertia)
     G = np.zeros((6, 6))
     G[3, 3], G[4, 4] = rest.stiffness
     squares, vectors = _eigen(np.linalg.solve(M, G))
@@ -131,7 +131,7 @@ def linearised_at(model: Model, surge_speeds: np.ndarray) -> np.ndarray:
 
 def depth_held(model: Model, A: np.ndarray, surge_speed: float) -> np.ndarray:
     """A of the same motions when a heave force keeps the depth: w = u theta, shape (8, 8)."""
-    push = np.concatenate([np.asarray(model.mass_inverse)[:, 2], np.zeros(2)])
+    push = np.concatenate([np.asarray(model.inertia_inverse)[:, 2], np.zeros(2)])
     kept = np.zeros(8)
     kept[2], kept[7] = 1.0, -surge_speed
     return (np.eye(8) - np.outer(push, kept) / (kept @ push)) @ A

@@ -136,8 +136,8 @@ def acceleration(
     water = learned_wrench(model, nu_r, tau, drag) - drag
     if inflow is not None:
         force = force + inflow_wrench(model.thrusters.configuration, inflow, nu_r)
-    force = force + wet * pressure - carried - coriolis_wrench(model.mass, nu_r) + wet * water
-    nu_r_dot = model.mass_inverse @ force
+    force = force + wet * pressure - carried - coriolis_wrench(model.inertia, nu_r) + wet * water
+    nu_r_dot = model.inertia_inverse @ force
     return nu_r_dot.at[:3].add(a_path - cross(omega, v_c))
 
 
@@ -222,7 +222,7 @@ def rollout(model: Model, state: State, commands: Command, environment: Environm
 
 def kinetic_energy(model: Model, nu_r: Array) -> Array:
     """Energy of body and surrounding water, 1/2 nu_r' M nu_r [J]."""
-    return 0.5 * nu_r @ model.mass @ nu_r
+    return 0.5 * nu_r @ model.inertia @ nu_r
 
 
 def potential_energy(model: Model, position: Array, attitude: Array) -> Array:

@@ -33,8 +33,8 @@ class Model(eqx.Module):
         thrusters: See `Thrusters`.
         hull: Where the buoyancy sits and how far the body reaches; at the surface and at walls.
         discrepancy: What these equations lack, learned from tests; None: nothing, and nothing is computed.
-        mass: M = M_RB + M_A, shape (6, 6); derived.
-        mass_inverse: Its inverse; derived.
+        inertia: M = M_RB + M_A, shape (6, 6); derived.
+        inertia_inverse: Its inverse; derived.
         damping: The four damping matrices side by side, shape (6, 24), as `damping_wrench` uses them; derived.
     """
 
@@ -52,8 +52,8 @@ class Model(eqx.Module):
     thrusters: Thrusters
     hull: Hull
     discrepancy: Discrepancy | None
-    mass: Array
-    mass_inverse: Array
+    inertia: Array
+    inertia_inverse: Array
     damping: Array
 
     def __init__(
@@ -97,8 +97,8 @@ class Model(eqx.Module):
         self.thrusters = thrusters
         self.hull = cube(center_of_buoyancy, self.displaced_mass) if hull is None else hull
         self.discrepancy = discrepancy
-        self.mass = as_array(xp.add(self.rigid_body_mass, self.added_mass))
-        self.mass_inverse = as_array(xp.linalg.inv(self.mass))
+        self.inertia = as_array(xp.add(self.rigid_body_mass, self.added_mass))
+        self.inertia_inverse = as_array(xp.linalg.inv(self.inertia))
         linear = [self.linear_damping_ahead, xp.negative(self.linear_damping_astern)]
         quadratic = [self.quadratic_damping_ahead, xp.negative(self.quadratic_damping_astern)]
         self.damping = as_array(xp.concatenate(linear + quadratic, axis=1))

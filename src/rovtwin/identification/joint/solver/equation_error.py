@@ -127,7 +127,7 @@ class Balance:
         """
         model, _ = self.parameters.model_at(theta)
         path, window = arrays["path"], (-1, self.window, 6)
-        missing = -self._gaps(theta, arrays) @ model.mass.T / (self.window * self.grid.step)
+        missing = -self._gaps(theta, arrays) @ model.inertia.T / (self.window * self.grid.step)
         flow = jax.vmap(lambda q, c: rotation_from_quaternion(q).T @ c)(path.attitude, arrays["own"]["current"])
         nu_r = jnp.concatenate([path.nu[:, :3] - flow, path.nu[:, 3:]], axis=1)
         return missing, nu_r.reshape(window), self._thrust(model, arrays)[:, :WRENCH].reshape(window)

@@ -150,7 +150,7 @@ class Shooting:
             wrench = wrench + learned_wrench(model, nu_r, thrust[:WRENCH])
         if model.thrusters.inflow_loss is not None:
             wrench = wrench + inflow_wrench(model.thrusters.configuration, thrust[WRENCH:], nu_r)
-        return model.mass_inverse @ wrench
+        return model.inertia_inverse @ wrench
 
     def _path(self, parts: Any, tau: Array, node: Nodes, own: dict[str, Any]) -> tuple[Nodes, Array | None]:
         """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
