@@ -39,11 +39,13 @@ def draw(axes, name, flight):
     above.plot(*eta[-1, 1::-1], "C0o", ms=5)
     above.set(title=name, xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(-1.5, 10), ylim=(-1.5, 7.5))
     deep.plot(t, eta[:, 2], "C0", lw=1.2)
-    said = [one for one in flight.summary["decisions"] if any(word in one["what"] for word in OWN)]
-    for k, one in enumerate(said):
+    decisions = [one for one in flight.summary["decisions"] if any(word in one["what"] for word in OWN)]
+    for k, one in enumerate(decisions):
         deep.axvline(one["t"], color="#b2182b", lw=0.8, ls="--")
         words = f"{one['t']:.0f} s: {one['what']}"
-        deep.text(0.03, 0.06 + 0.1 * (len(said) - 1 - k), words, transform=deep.transAxes, fontsize=7, color="#b2182b")
+        deep.text(
+            0.03, 0.06 + 0.1 * (len(decisions) - 1 - k), words, transform=deep.transAxes, fontsize=7, color="#b2182b"
+        )
         row = int(np.argmin(np.abs(t - one["t"])))
         above.plot(*eta[row, 1::-1], "o", color="#b2182b", ms=4)
     end = "completed" if flight.completed else flight.summary["phase"]

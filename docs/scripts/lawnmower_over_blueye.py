@@ -74,18 +74,18 @@ def over_the_wire(seed: int, speed: float, dvl: bool, folder: Path) -> dict:
 
 def judged(truth: Log, flown: Log) -> dict:
     """Cross-track and estimate's error by the truth; the two clocks are brought together by depth and place."""
-    eta, believed, leg, mode = truth["truth/eta"], *(flown[f"autopilot/{n}"] for n in ("eta", "leg", "mode"))
+    eta, estimate, leg, mode = truth["truth/eta"], *(flown[f"autopilot/{n}"] for n in ("eta", "leg", "mode"))
 
     def at(offset: float) -> np.ndarray:
-        return np.stack([np.interp(believed.t + offset, eta.t, eta.values[:, i]) for i in range(3)], axis=1)
+        return np.stack([np.interp(estimate.t + offset, eta.t, eta.values[:, i]) for i in range(3)], axis=1)
 
     def misfit(offset: float) -> float:
-        return float(np.mean(((at(offset) - believed.values[:, :3]) / (0.2, 0.2, 0.01)) ** 2))
+        return float(np.mean(((at(offset) - estimate.values[:, :3]) / (0.2, 0.2, 0.01)) ** 2))
 
-    offsets = np.arange(0.0, max(eta.t[-1] - believed.t[-1], 0.1), 0.05)
+    offsets = np.arange(0.0, max(eta.t[-1] - estimate.t[-1], 0.1), 0.05)
     true = at(min(offsets, key=misfit))
     on = mode.values[:, 3] > 0.5
-    error = true - believed.values[:, :3]
+    error = true - estimate.values[:, :3]
     return {
         "cross_track_rms_m": rms(distance_to_leg(true[on], leg.values[on])),
         "error_rms_m": [rms(error[:, 0]), rms(error[:, 1])],

@@ -113,11 +113,11 @@ def advance(model, p, route, environment, health, carry, off, level, planned):
 
     def tick(carry, _):
         state, guidance, reference, control, allocation, short = carry
-        believed = estimate_of(model, state, environment, off)
-        guidance, asked = p.guidance.step(guidance, GuidanceInput(believed, route, RUNNING), DT)
+        estimate = estimate_of(model, state, environment, off)
+        guidance, asked = p.guidance.step(guidance, GuidanceInput(estimate, route, RUNNING), DT)
         reference, path = p.reference.step(reference, asked, DT)
-        control, wanted = p.control.step(control, ControlInput(believed, path, short), DT)
-        tau = wanted.tau if p.gain is None else fed_back(p, model, control, believed, path, short)
+        control, desired = p.control.step(control, ControlInput(estimate, path, short), DT)
+        tau = desired.tau if p.gain is None else fed_back(p, model, control, estimate, path, short)
         tau = jnp.where(planned, tau.at[LEVEL].set(level), tau)
         allocation, given = p.allocation.step(allocation, AllocationInput(tau, health), DT)
         after = plant_step(model, state, given.command, environment, DT)

@@ -22,10 +22,10 @@ def predictions(example: str) -> dict[tuple[str, float | None], Prediction]:
     """Of everything held out, by record and window."""
     evidence = read_evidence(ROOT / "examples" / example / "evidence.yaml")
     assert evidence.vehicle is not None
-    vehicle, said = load_vehicle(evidence.vehicle), evidence.file
+    vehicle, file = load_vehicle(evidence.vehicle), evidence.file
     tests = read_tests(evidence, vehicle)
     fit, held_out = ([t.record for t in tests if t.use == use] for use in ("fit", "validate"))
-    found = identify(vehicle, fit, validate=held_out, free=said.free, prior=said.prior, options=said.options)
+    found = identify(vehicle, fit, validate=held_out, free=file.free, prior=file.prior, options=file.options)
     return {(p.record, p.window): p for p in found.held_out}
 
 

@@ -31,14 +31,14 @@ def main():
 
 def compare(survey):
     """Time, energy and coverage of a plan and of its flight."""
-    flight, said = fly(survey.scenario), survey.figures()
+    flight, figures = fly(survey.scenario), survey.figures()
     track = flight.log["truth/eta"].values
     under = np.abs(track[:, 2] - survey.depth) < 0.2
     swept = shapely.LineString(track[under, :2]).buffer(0.5 * survey.request.swath.width)
     area = survey.plan.room.area
-    print(f"time {said['duration_s']:.0f} s planned, {flight.summary['duration_s']:.0f} s flown")
-    print(f"energy {said['energy_wh']:.1f} Wh planned, {flight.summary['energy_wh']} Wh flown")
-    print(f"coverage {said['coverage']:.4f} planned, {swept.intersection(area).area / area.area:.4f} flown")
+    print(f"time {figures['duration_s']:.0f} s planned, {flight.summary['duration_s']:.0f} s flown")
+    print(f"energy {figures['energy_wh']:.1f} Wh planned, {flight.summary['energy_wh']} Wh flown")
+    print(f"coverage {figures['coverage']:.4f} planned, {swept.intersection(area).area / area.area:.4f} flown")
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ def main():
     t, eta = flight.log["truth/eta"].t, flight.log["truth/eta"].values
     relief = relief_of(scenario.world)
     floor = np.asarray(jax.vmap(lambda at: relief.under(at)[0])(as_array(eta[:, :2])))
-    wanted = scenario.waypoints[0].altitude
+    desired = scenario.waypoints[0].altitude
 
     figure, (deep, high) = plt.subplots(2, 1, figsize=(8, 4.6), sharex=True, height_ratios=(2, 1))
     deep.fill_between(t, floor, floor.max() + 0.3, color="#d9c7a3", lw=0)
@@ -40,8 +40,8 @@ def main():
     deep.set(ylabel="depth [m]", ylim=(floor.max() + 0.3, 0))
     deep.legend(loc="upper right", frameon=False, fontsize=8)
     high.plot(t, floor - eta[:, 2], "C0", lw=1)
-    high.axhline(wanted, color="0.6", lw=0.8, ls="--")
-    high.set(xlabel="time [s]", ylabel="altitude [m]", ylim=(wanted - 0.2, wanted + 0.2), xlim=(0, t[-1]))
+    high.axhline(desired, color="0.6", lw=0.8, ls="--")
+    high.set(xlabel="time [s]", ylabel="altitude [m]", ylim=(desired - 0.2, desired + 0.2), xlim=(0, t[-1]))
     figure.suptitle(f"{scenario.vehicle}, {NAME}, seed {options.seed}, {scenario.autopilot.type}", fontsize=9)
     figure.tight_layout()
     figure.savefig(options.out / "terrain.png", dpi=120)

@@ -69,7 +69,7 @@ def test_quality_and_estimate_are_shown_and_labelled_quick(panel):
     send(panel, **NEWS, final=True, estimate={"rows": ROWS, "informed": 2, "took": 3.0, "changes": 300})
     assert "2 of 3 parameters" in panel.inner_text("#estimated")
     assert panel.locator("tbody th[scope=row]").all_inner_texts() == ["surge\nkg"]
-    panel.check("#untold")
+    panel.check("#uninformed")
     panel.check("#couplings")
     assert panel.locator("tbody th[scope=row]").count() == 3
     now, before = (panel.locator(f".identify-bar .{kind}").first.bounding_box()["width"] for kind in ("now", "before"))

@@ -13,7 +13,7 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation import prediction as motion
-from rovtwin.gnc.navigation.corrections import opening
+from rovtwin.gnc.navigation.corrections import covariance_inflation
 from rovtwin.gnc.navigation.filter import Forecast, NavigationFilter
 from rovtwin.gnc.navigation.state import ERRORS, NavigationState
 from rovtwin.gnc.navigation.tuning import Mount, Tuning
@@ -492,7 +492,7 @@ def test_a_depth_that_was_taken_for_a_wave_leaves_the_whole_as_sure_as_it_was(mo
     """What opens is the split into slow depth and wave where they point the same way, and depth itself for the rest."""
     x = eqx.tree_at(lambda s: s.wave_place, state, jnp.array([0.0, 0.0, -0.1]))
     for residual, whole in ((-0.1, 0.0), (-0.5, 0.5**2 - 0.1**2), (0.1, 0.1**2)):
-        opened = np.asarray(opening("pressure", jnp.array([residual]), x, model))
+        opened = np.asarray(covariance_inflation("pressure", jnp.array([residual]), x, model))
         both = np.eye(ERRORS)[2] + np.eye(ERRORS)[11]
         assert opened[2, 2] == pytest.approx(residual**2)
         assert both @ opened @ both == pytest.approx(whole, abs=1e-12)

@@ -39,7 +39,7 @@ def finite(slots: Measurements) -> Measurements:
     }
 
 
-def opening(kind: str, residual: Array, x: NavigationState, model: Model) -> Array:
+def covariance_inflation(kind: str, residual: Array, x: NavigationState, model: Model) -> Array:
     """Covariance given back to what a sensor tells of when the filter must be wrong about it, shape (31, 31).
 
     A disagreement with the accelerometer that lasts is a force: a tether that is caught, a thruster that is gone. One
@@ -67,7 +67,7 @@ def taken_for_wave(x: NavigationState, residual: Array) -> Array:
     return jnp.where(wave * residual > 0.0, jnp.minimum(jnp.abs(wave), jnp.abs(residual)), 0.0)
 
 
-def opened_for_waves(
+def inflated_for_waves(
     found: Innovation, P: Array, depth_bias: Array, x: NavigationState, sea: SeaState, model: Model, gate: Array
 ) -> tuple[Array, Array]:
     """P, opened where the depths measured lie to one side for long, and how far they lie there.

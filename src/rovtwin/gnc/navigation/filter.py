@@ -19,7 +19,7 @@ from rovtwin.core.small_matrices import product, squared_norm
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation import prediction as motion
-from rovtwin.gnc.navigation.corrections import corrected, finite, opened_for_waves, opening
+from rovtwin.gnc.navigation.corrections import corrected, covariance_inflation, finite, inflated_for_waves
 from rovtwin.gnc.navigation.estimate import estimate_of
 from rovtwin.gnc.navigation.measurements import Innovation
 from rovtwin.gnc.navigation.positions import Rejected, Trail, positions
@@ -54,7 +54,7 @@ class NavigationMemory(eqx.Module):
         sea: What is believed of the waves.
         rejected: Positions that were not believed, by sensor.
         doubted: Ticks in a row in which a sensor's readings were not, by sensor, int; accelerometers count as one.
-        depth_bias: Mean of the normalised innovations of pressure, by sensor; see `opened_for_waves`.
+        depth_bias: Mean of the normalised innovations of pressure, by sensor; see `inflated_for_waves`.
     """
 
     x: NavigationState
@@ -157,10 +157,10 @@ class NavigationFilter(Block):
         for name in filter(slots.__contains__, self._correcting):
             found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
             if name in depth_bias:
-                P, depth_bias[name] = opened_for_waves(
+                P, depth_bias[name] = inflated_for_waves(
                     found, P, depth_bias[name], x, sea, self.model, self.tuning.gate["pressure"]
                 )
-            found, P, doubted[name] = self._accepted(name, found, P, doubted[name], x)
+            found, P, doubted[name] = self._gated(name, found, P, doubted[name], x)
             x, P, received[name] = corrected(x, P, found)
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, depth_bias)
         return after, estimate_of(self.model, self.tuning, x, P, omega, received, sorted(slots)), transition
@@ -227,7 +227,7 @@ class NavigationFilter(Block):
 
         found = readings.disagreement(difference(x)[2], slow + quick, variance, received, dt)
         unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
-        found, P, doubts = self._accepted("accelerometer", found, P, memory.doubted["accelerometer"], x)
+        found, P, doubts = self._gated("accelerometer", found, P, memory.doubted["accelerometer"], x)
         # What is rejected neither moves the vehicle nor makes waves.
         received = jnp.any(found.used)
         sea = memory.sea.after(unexplained, slow / dt + variance, received, dt)
@@ -243,7 +243,7 @@ class NavigationFilter(Block):
         damping = self.tuning.wave_damping
         return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
 
-    def _accepted(
+    def _gated(
         self, name: str, found: Innovation, P: Array, doubts: Array, x: NavigationState
     ) -> tuple[Innovation, Array, Array]:
         """What is used of an innovation: nothing beyond the gate, unless so many ticks in a row that P is opened."""
@@ -252,8 +252,8 @@ class NavigationFilter(Block):
         there = jnp.any(found.used)
         far = there & (squared_norm(found.residual, S) > tuning.gate[kind])
         doubts = jnp.where(there, jnp.where(far, doubts + 1, 0), doubts)
-        opened = opening(kind, found.residual, x, self.model)
-        lost = (doubts >= tuning.stubbornness) & jnp.any(opened > 0.0)
+        opened = covariance_inflation(kind, found.residual, x, self.model)
+        lost = (doubts >= tuning.max_rejections) & jnp.any(opened > 0.0)
         P = P + jnp.where(lost, 1.0, 0.0) * opened
         used = eqx.tree_at(lambda i: i.used, found, found.used & (~far | lost))
         return used, P, jnp.where(lost, 0, doubts)

@@ -109,8 +109,8 @@ def positions(
         total = jnp.where(there, jnp.where(far, rejected.total + 1, 0), rejected.total)
         # A filter that is wrong about its speed sees readings that do not even agree.
         lost = far & ((count >= tuning.patience) | (total >= 2 * tuning.patience))
-        opening = jnp.where(PLACE, one.residual @ one.residual, VELOCITY * REOPENED_VELOCITY**2)
-        P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opening)
+        covariance_inflation = jnp.where(PLACE, one.residual @ one.residual, VELOCITY * REOPENED_VELOCITY**2)
+        P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(covariance_inflation)
         last = jnp.where(far, one.residual, rejected.residual)
         rejected = Rejected(jnp.where(lost, 0, count), jnp.where(lost, 0, total), last)
         found.append(eqx.tree_at(lambda i: i.used, one, one.used & there & (~far | lost)))

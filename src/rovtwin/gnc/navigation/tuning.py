@@ -48,7 +48,7 @@ class Tuning(eqx.Module):
         wave_slip: Share of the waves' heave by which the vehicle does not follow the water.
         gate: By kind of sensor, squared normalised innovation beyond which a reading counts as an outlier.
         patience: So many positions beyond the gate in a row that agree with each other are believed.
-        stubbornness: So many ticks in a row may another sensor be beyond its gate before it is believed.
+        max_rejections: So many ticks in a row may another sensor be beyond its gate before it is believed.
         max_age: Of a reading [s]; one with a stamp further off counts as new.
     """
 
@@ -63,7 +63,7 @@ class Tuning(eqx.Module):
     wave_slip: Array = eqx.field(converter=as_array)
     gate: dict[str, Array]
     patience: int = eqx.field(static=True)
-    stubbornness: int = eqx.field(static=True)
+    max_rejections: int = eqx.field(static=True)
     max_age: Array = eqx.field(converter=as_array)
 
     def named(self, kind: str, among: Container[str]) -> list[str]:
@@ -165,7 +165,7 @@ class Tuning(eqx.Module):
             wave_slip=wave_slip,
             gate={name: as_array(value) for name, value in GATE.items()},
             patience=3,
-            stubbornness=15,
+            max_rejections=15,
             max_age=max_age,
         )
 

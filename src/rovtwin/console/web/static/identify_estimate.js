@@ -2,7 +2,7 @@
 import {make} from '/static/canvas.js';
 import {toast} from '/static/page.js';
 
-const TOLD = 0.9;  // of the prior's width, below which the test says something
+const INFORMED = 0.9;  // of the prior's width, below which the test says something
 const NOTE = 'Quick estimate: the balance of forces along the smoothed path. It starts from what was known before and shows '
   + 'what the test tells; its intervals, widened for that, held the truth in nine of ten cases in simulated flights of '
   + 'test_mixed, fewer in the first half minute. Lags of thrusters and '
@@ -25,7 +25,7 @@ function bar(row) {
 
 function line(row) {
   const [, ...rest] = row.name.split('.');
-  return make('tr', {class: row.ratio < TOLD ? '' : 'untold'},
+  return make('tr', {class: row.ratio < INFORMED ? '' : 'uninformed'},
     make('th', {scope: 'row', title: row.name}, rest.join(' ').replaceAll('_', ' '),
       make('span', {class: 'muted'}, row.unit === '1' ? '' : ` ${row.unit}`)),
     make('td', {class: 'number'}, digits(row.value)),
@@ -37,7 +37,7 @@ function line(row) {
 /** `element`, and `show(message)` that fills it. */
 export function estimateOf() {
   const couplings = make('input', {type: 'checkbox', id: 'couplings'});
-  const all = make('input', {type: 'checkbox', id: 'untold'});
+  const all = make('input', {type: 'checkbox', id: 'uninformed'});
   const words = make('p', {class: 'muted', role: 'status', id: 'estimated'}, 'Comes while the test is logged.');
   const body = make('tbody');
   const head = make('tr', {}, ...['Parameter', 'Now', '95 %', 'Now on before', 'Before'].map(text => make('th', {scope: 'col'}, text)));
@@ -62,7 +62,7 @@ export function estimateOf() {
 
   let rows = [];
   const fill = () => {
-    const chosen = rows.filter(row => (all.checked || row.ratio < TOLD) && (couplings.checked || !row.coupling));
+    const chosen = rows.filter(row => (all.checked || row.ratio < INFORMED) && (couplings.checked || !row.coupling));
     let family = '';
     body.replaceChildren(...chosen.flatMap(row => {
       const own = row.name.split('.')[0];
