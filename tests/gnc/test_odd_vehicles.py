@@ -13,7 +13,7 @@ from rovtwin.gnc.control.tracking import Tracking
 from rovtwin.gnc.guidance.path_following import PathGuidance
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, significant
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput
-from rovtwin.gnc.navigation.tuning import beliefs
+from rovtwin.gnc.navigation.tuning import disturbance_levels
 from rovtwin.gnc.safety.contingency import Contingency
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle.physics.actuation import axis_limits
@@ -53,7 +53,7 @@ def test_every_speed_and_every_belief_is_a_positive_number(name):
     assert float(PathGuidance.of(model).rest) > 0.0
     assert float(Contingency.of(model).speed) > 0.0
     assert np.all(VehicleScales.of(model).level_speed > 0.0)
-    assert all(np.isfinite(value) and value > 0.0 for value in beliefs(model).values())
+    assert all(np.isfinite(value) and value > 0.0 for value in disturbance_levels(model).values())
 
 
 def test_thrust_to_one_side_holds_nothing_from_the_other():

@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.navigation.tuning import beliefs
+from rovtwin.gnc.navigation.tuning import disturbance_levels
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.identification.logs.record import Record
 from rovtwin.monitoring.evidence import Block, Estimated, estimated, marginal
@@ -278,7 +278,7 @@ def step_of(model: Model, scales: VehicleScales) -> float:
 
 def _noise(model: Model, scales: VehicleScales) -> Noise:
     """Beliefs by the vehicle's size; those of the motion's noise are only where learning starts."""
-    own, M = beliefs(model), np.diag(np.asarray(model.inertia))
+    own, M = disturbance_levels(model), np.diag(np.asarray(model.inertia))
     speed = own["current_std"]
     lightest, strongest = 0.01 * scales.weight, max(scales.force[:3].max(), 0.01 * scales.weight)
     # Moments of a vehicle are badly known: who trusts them reads the speed through the water off them.

@@ -3,7 +3,7 @@
 import math
 
 from rovtwin.gnc.guidance.course_keeping import CourseKeeping
-from rovtwin.gnc.navigation.tuning import beliefs
+from rovtwin.gnc.navigation.tuning import disturbance_levels
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection
 from rovtwin.vehicle import Model
@@ -21,7 +21,7 @@ def with_vehicle_defaults(section: AutopilotSection, model: Model) -> AutopilotS
         "turn_rate_deg": math.degrees(scales.turn_rate) or None,
     }
     guidance = {"lookahead": float(course.cruise / course.gain) or None}
-    own = {"control": control, "guidance": guidance, "navigation": beliefs(model)}
+    own = {"control": control, "guidance": guidance, "navigation": disturbance_levels(model)}
     return section.model_copy(
         update={
             name: part.model_copy(update={k: v for k, v in own[name].items() if getattr(part, k) is None})

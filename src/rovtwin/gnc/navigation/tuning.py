@@ -121,7 +121,7 @@ class Tuning(eqx.Module):
             accelerometer_bias: At the start, each axis [m/s2].
             accelerometer_bias_walk: [m/s2/sqrt(s)].
         """
-        scales, own = VehicleScales.of(model), beliefs(model)
+        scales, own = VehicleScales.of(model), disturbance_levels(model)
         force_walk, force_std, current_std = (
             own[name] if given is None else given
             for name, given in (("force_walk", force_walk), ("force_std", force_std), ("current_std", current_std))
@@ -170,7 +170,7 @@ class Tuning(eqx.Module):
         )
 
 
-def beliefs(model: Model) -> dict[str, float]:
+def disturbance_levels(model: Model) -> dict[str, float]:
     """What a vehicle's size says of the forces and currents that it meets: `force_walk`, `force_std`, `current_std`.
 
     The sea's forces grow with the weight (Froude's law), forces at the start are a tenth of the thrust, and nobody
