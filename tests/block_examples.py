@@ -396,7 +396,7 @@ def pid() -> Example:
 
 
 def priority_allocation() -> Example:
-    """Wanted wrenches within and beyond the limits; a thruster weakens and another dies on the way."""
+    """Desired wrenches within and beyond the limits; a thruster weakens and another dies on the way."""
     left = jnp.linspace(1.0, 0.4, TICKS)
     health = jnp.ones((TICKS, THRUSTERS)).at[:, 0].set(left).at[TICKS // 2 :, 1].set(0.0)
     block = PriorityAllocation.of(model(), slew=200.0)

@@ -77,5 +77,5 @@ def test_a_finding_names_all_way_points_that_it_is_of():
     scenario = planned((5, 0, 2), (5, 5, 2), (0, 5, 2), changes=())
     points = [w.model_copy(update={"speed": 3.0}) for w in scenario.waypoints]
     scenario = scenario.model_copy(update={"mission": MissionSection(waypoints=points)})
-    lines = [one.line for one in judge(scenario, vehicle_of(scenario).model()) if "are wanted" in one.what]
+    lines = [one.line for one in judge(scenario, vehicle_of(scenario).model()) if "are requested" in one.what]
     assert lines and {i for line in lines for i in named(line)} == {0, 1, 2}

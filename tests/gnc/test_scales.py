@@ -140,7 +140,7 @@ SAME = {
     "allocation.stop": "a share of the force",
     "allocation.preferred": "a share of the force",
     "monitor.lost": "which thrusters",
-    "monitor.told": "which thrusters",
+    "monitor.distinguishable": "which thrusters",
     "monitor.least": "squared signal over noise",
     "monitor.share": "a share of the force",
     "monitor.certainty": "a share of what is seen",

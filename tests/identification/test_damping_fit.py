@@ -81,7 +81,7 @@ def test_uncertain_speeds_widen_the_band_by_the_slope() -> None:
 def test_terms_that_cannot_be_distinguished_are_reported() -> None:
     v = np.array([0.20, 0.22, 0.24, 0.26])
     fit = fit_damping(v, force(v, 10.0, 50.0), sigma=0.3)
-    assert any("cannot be told apart" in note and "0.2-0.26" in note for note in fit.notes), fit.notes
+    assert any("cannot be separated" in note and "0.2-0.26" in note for note in fit.notes), fit.notes
     assert fit.correlation[0] < -0.97
     low, high = fit.force_band(np.array([0.23]))
     assert high[0] - low[0] < 0.7, "the sum is known all the same"

@@ -154,7 +154,7 @@ def test_altitude(server, others, expected):
         assert report["altitude"] == expected and report["velocity_valid"] is True
         assert all((beam["distance"] > 0) == (expected > 0) for beam in report["transducers"])
         unknown = server.floor is None and others[0][0] == "pressure"
-        assert any("altitude is told as -1" in text for text in served.messages) == unknown
+        assert any("altitude is reported as -1" in text for text in served.messages) == unknown
         client.close()
 
 

@@ -186,7 +186,10 @@ def test_a_mission_tells_nothing():
 def test_a_test_that_begins_tilted_says_so_before_arming():
     release = {"manoeuvre": "release", "attitude_deg": [-20, 0], "by_hand": 0, "duration": 4}
     tilted = short([release, MANOEUVRES[0]], start={"position": [0, 0, 3], "attitude_deg": [-20, 0]})
-    assert plan(tilted)[0][1] == "BY HAND, before you arm: 20 deg with the port side down. Hold it until you are told"
+    assert (
+        plan(tilted)[0][1]
+        == "BY HAND, before you arm: 20 deg with the port side down. Hold it until you are asked to let go"
+    )
     assert cues_of(tilted)[0].text.startswith("LET GO")
     hand, release = touched_spans(tilted)[:2]
     assert (hand["start"], hand["end"], hand["hand"]) == (0.0, REACTION, True)

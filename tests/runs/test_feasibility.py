@@ -138,7 +138,7 @@ def test_a_current_through_which_it_cannot_go_level_is_refused_and_one_that_it_m
 def test_a_leg_faster_than_keeps_it_level_is_reported_to_be_slower():
     fast = "mission.waypoints=[{position: [9, 0, 3], speed: 0.2, acceptance: 0.2}]"
     _, noted = lines("double_blueye_thesis", fast)
-    assert "0.2 m/s are wanted, and it stays level up to 0.12 m/s over ground" in noted[0]
+    assert "0.2 m/s are requested, and it stays level up to 0.12 m/s over ground" in noted[0]
     assert lines("double_blueye", fast) == ([], [])
 
 
@@ -149,12 +149,12 @@ def test_a_sheared_current_counts_at_the_mission_s_depth():
 
 def test_legs_that_are_slower_than_asked():
     refused, noted = lines("double_blueye", "mission.waypoints=[{position: [9, 0, 3], speed: 0.6, acceptance: 0.2}]")
-    assert refused == [] and "0.6 m/s are wanted, and the thrusters give 0.34 m/s over ground" in noted[0]
+    assert refused == [] and "0.6 m/s are requested, and the thrusters give 0.34 m/s over ground" in noted[0]
     assert "it is flown at about 0.3 m/s" in noted[0]
     upstream = "mission.waypoints=[{position: [-9, 0, 3], speed: 0.2, acceptance: 0.2}]"
     _, noted = lines("double_blueye", upstream, "world.current=[0.2, 0, 0]")
     assert (
-        "0.2 m/s are wanted, and the thrusters give 0.14 m/s over ground in a current of 0.2 m/s to the north"
+        "0.2 m/s are requested, and the thrusters give 0.14 m/s over ground in a current of 0.2 m/s to the north"
         in noted[0]
     )
 

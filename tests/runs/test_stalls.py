@@ -119,7 +119,7 @@ def test_what_left_its_course_or_depth_says_how_far_and_what_was_asked(model):
     eta[:, 2] += 0.01 * t
     aim = flown(0.0, 0.0).eta
     for rule, say, expected in (
-        ("off course", strayed, "it was 10 m north-east of where it was wanted, "),
+        ("off course", strayed, "it was 10 m north-east of its set-point, "),
         ("off depth", left_depth, "it was 1 m below its depth of 3 m, "),
     ):
         mode[1000:, 1] = REASONS.index(rule)

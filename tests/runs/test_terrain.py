@@ -103,7 +103,7 @@ def test_an_altitude_over_no_floor_is_refused_though_the_vehicle_carries_the_alt
     """A real one, behind a link, has a floor whose depth nobody needs to know."""
     scenario = load_scenario("lawnmower_calm", ["mission.waypoints=[{position: [3, 0, 2], altitude: 2}]"])
     flown = compose(scenario, vehicle=with_altimeters(1))
-    with pytest.raises(ConfigError, match="altitude of 2 m is wanted, and the world has no floor; set world.floor"):
+    with pytest.raises(ConfigError, match="altitude of 2 m is requested, and the world has no floor; set world.floor"):
         require_feasible(flown.scenario, flown.model)
     assert require_feasible(flown.scenario, flown.model, known_world=False) == []
 

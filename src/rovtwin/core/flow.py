@@ -334,7 +334,7 @@ class AutopilotInput(eqx.Module):
 class AutopilotOutput(eqx.Module):
     """All that one autopilot tick produces, for the link (command) and for the log (the rest).
 
-    `health` is what the autopilot believes each thruster still gives, a share, shape (n_thrusters,).
+    `health` is estimate of what each thruster still gives, a share, shape (n_thrusters,).
     """
 
     command: Command

@@ -84,9 +84,9 @@ def refit_and_identify(folder: Path, say: Callable[[str], None] = lambda what: N
 
 
 NOTE = (
-    "Surge only, to be quick. Predicted: the vehicle's figures of before plus the devices by formula. The vehicle that "
-    "swims has 10 % more added mass and 20 to 50 % more drag; a test of a minute, in which its new Doppler log is "
-    "heard, tells. Thrust is given."
+    "Surge only, to be quick. Predicted: the vehicle's figures of before plus the devices by formula. The plant "
+    "has 10 % more added mass and 20 to 50 % more drag; a test of a minute with its new Doppler log shows it. "
+    "Thrust is given."
 )
 
 

@@ -64,7 +64,7 @@ class AllocationInput(eqx.Module):
     """What allocation takes.
 
     Attributes:
-        tau: Wanted wrench, b at CO [N, N m], shape (6,).
+        tau: Desired wrench, b at CO [N, N m], shape (6,).
         health: Share of its force that each thruster still gives, shape (n,): 1 sound, 0 lost.
         axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
     """

@@ -78,7 +78,10 @@ def plan(scenario: Scenario) -> list[tuple[float, str]]:
         for piece, span in _pieces(scenario)
     ]
     if tilted := _begins_tilted(scenario):
-        return [(0.0, f"BY HAND, before you arm: {attitude_text(tilted)}. Hold it until you are told"), *lines]
+        return [
+            (0.0, f"BY HAND, before you arm: {attitude_text(tilted)}. Hold it until you are asked to let go"),
+            *lines,
+        ]
     return lines
 
 

@@ -63,7 +63,7 @@ def record(
                     counts[reading.sensor] += 1
                 elif reading.sensor not in left_out:
                     left_out.add(reading.sensor)
-                    warn(f"{reading.sensor}: heard, but left out of the log: {scenario.name} has no such sensor")
+                    warn(f"{reading.sensor}: received, but left out of the log: {scenario.name} has no such sensor")
             if clock() - began - shown > 1.0:
                 shown = clock() - began
                 progress(shown)

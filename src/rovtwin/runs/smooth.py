@@ -108,7 +108,7 @@ def commands_of(log: Log, ticks: int, dt: float) -> np.ndarray:
 def _log_of(track: Smoothed, source: Log) -> Log:
     std = tuple(f"std_{name}" for name in (*ETA, *NU[:3]))
     channels = [
-        Channel("smoothed/eta", ETA, ETA_UNITS, "n", description="pose of CO, all readings heard"),
+        Channel("smoothed/eta", ETA, ETA_UNITS, "n", description="pose of CO, from all readings"),
         Channel("smoothed/nu", NU, NU_UNITS, "b", description="velocity over ground"),
         Channel("smoothed/std", std, ETA_UNITS + NU_UNITS[:3], "", description="standard deviation"),
     ]

@@ -111,7 +111,7 @@ def test_the_page_has_all_its_parts_and_its_figures_lie_beside_it(page):
     path, text = page
     assert path.name == "report.html"
     for part in ("Do the tests repeat?", "are below 2 standard deviations, rms 0.99.", "What the 95 % intervals assume",
-                 "Damping forces", "Not told apart", "Held-out tests", "Offset found",
+                 "Damping forces", "Not separable", "Held-out tests", "Offset found",
                  "Disturbance", "fingerprint of its parts", "0.4 s cut", "1025"):  # fmt: skip
         assert part in text, part
     pictures = {p.stem for p in (path.parent / "figures").glob("*.png")}
@@ -200,7 +200,7 @@ def test_excitation_distinguishes_what_never_moved_from_what_cannot_be_separated
     assert text["quadratic_damping.roll"] == "not excited"
     flat = replace(result, blind=[], covariance=_widened(result))
     text = dict(zip(flat.parameters.names, excitation(flat), strict=True))
-    assert text["linear_damping.surge"] == "excited, not told apart from quadratic_damping.surge (-0.95)"
+    assert text["linear_damping.surge"] == "excited, not separable from quadratic_damping.surge (-0.95)"
 
 
 def test_many_parameters_that_are_not_learnt_are_one_line_few_have_one_each(result):

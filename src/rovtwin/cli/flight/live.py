@@ -122,7 +122,9 @@ def _planned(scenario: "Scenario", screen: Console) -> None:
         rows.add_row(escape(what), f"{start:.0f} s")
     screen.print(rows)
     if any(what.startswith("BY HAND") for _, what in lines):
-        screen.print("By hand: somebody has to, when told so here; a served twin has nobody. Else keep hands away.")
+        screen.print(
+            "By hand: tilt the vehicle when asked to here (a served twin has nobody to do so). Else keep hands away."
+        )
 
 
 def _tell(cue: Any, screen: Console) -> None:
@@ -133,7 +135,7 @@ def _tell(cue: Any, screen: Console) -> None:
 
 
 def _print_readiness(readiness: Any, screen: Console) -> None:
-    rows = table("heard before arming", "sensor", "rate")
+    rows = table("received before arming", "sensor", "rate")
     for name, rate in sorted(readiness.rates.items()):
         rows.add_row(name, figure(rate, "Hz"))
     screen.print(rows)
@@ -143,7 +145,7 @@ def _print_readiness(readiness: Any, screen: Console) -> None:
         rate = figure(readiness.rates["gyro"], "Hz")
         screen.print(f"the gyro comes at {rate}: if this is a served twin, is --speed that of serve?", style="yellow")
     if readiness.missing:
-        screen.print(f"not heard, flying without: {', '.join(readiness.missing)}", style="yellow", markup=False)
+        screen.print(f"no readings, flying without: {', '.join(readiness.missing)}", style="yellow", markup=False)
 
 
 def record(

@@ -17,17 +17,17 @@ REMEDIES = {
     "leak": ("water comes in", "recover the vehicle now"),
     "battery critical": ("the battery is nearly empty", "recover the vehicle"),
     "filter diverged": ("positions contradict the model", "check the positioning and the vehicle's parameters"),
-    "positions lost": ("no position that could be believed", "check the positioning, then Hold"),
+    "positions lost": ("no position that could be accepted", "check the positioning, then Hold"),
     "thruster failed": ("too few thrusters are left", "recover the vehicle; it cannot hold itself"),
     "saturated": ("thrusters cannot give what is needed", "less current, less speed, or another heading"),
-    "link lost": ("the vehicle was not heard", "check tether and network"),
+    "link lost": ("nothing came from the vehicle", "check tether and network"),
     "deadline missed": ("this computer is too slow or too busy", "close other programs"),
     "battery low": ("the battery is low", "let it come home"),
     "geofence": ("outside the fence", "Hold, then pilot it back inside"),
     "altitude limit": ("too close to the floor", "Hold, then pilot it up"),
     "time out": ("the mission took longer than allowed", "check the path; raise the time limit"),
-    "operator silent": ("nobody in control was heard", "take control, then Resume"),
-    "sensor silent": ("attitude or depth is no longer heard", "check the vehicle's sensors"),
+    "operator silent": ("no sign of life from whoever is in control", "take control, then Resume"),
+    "sensor silent": ("attitude or depth no longer arrives", "check the vehicle's sensors"),
     "no way home": ("the vehicle does not get nearer", "check tether and current; pilot it"),
     "off course": (
         "the vehicle leaves its path and does not come back",
@@ -89,7 +89,7 @@ def _of_sensors(state: dict[str, Any]) -> list[Alert]:
     if ages and min(ages) > SILENT:
         found.append(Alert("warning", f"no position for {lasting(min(ages))}", "the positioning is silent", "check it"))
     if state["link_age"] > 1.0:
-        text = f"vehicle not heard for {lasting(state['link_age'])}"
+        text = f"nothing from the vehicle for {lasting(state['link_age'])}"
         found.append(Alert("danger", text, "the link is broken or the vehicle is off", "check tether and network"))
     if any((leak.get("value") or [0.0])[0] > 0.5 for leak in _of_kind(state, "leak")):
         found.append(Alert("danger", "LEAK", "water comes in", "recover the vehicle now"))

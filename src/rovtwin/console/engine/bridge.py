@@ -121,7 +121,9 @@ class Bridge:
         if not self._engine.may_arm:
             # A real vehicle's link that was stopped stays so: a new one is opened, and the operator asks once more.
             self._engine.reconnect()
-            raise ConfigError("the link was stopped: connecting anew. Press Arm again once the sensors are heard")
+            raise ConfigError(
+                "the link was stopped: connecting anew. Press Arm again once the sensors deliver readings"
+            )
         self._engine.arm(self._sent)
 
     def _disarm(self, order: Any) -> None:

@@ -99,7 +99,7 @@ class Engine:
     def vessel(self) -> VehicleSession:
         """Raises ConfigError while there is none."""
         if self._ticker is None:
-            raise ConfigError(f"no vehicle yet ({self._stage}): wait until its sensors are heard")
+            raise ConfigError(f"no vehicle yet ({self._stage}): wait until its sensors deliver readings")
         return self._ticker.vessel
 
     @property
@@ -263,7 +263,7 @@ class Engine:
         self._running, self._now = True, 0.0
         self._say("ready", "")
         missing = ", ".join(vessel.readiness.missing)
-        self.event("info", f"heard {self._config.link}{f'; flying without {missing}' if missing else ''}")
+        self.event("info", f"connected to {self._config.link}{f'; flying without {missing}' if missing else ''}")
         self._publisher.publish(self._setup_message())
 
     def _fail(self, error: Exception) -> None:

@@ -80,7 +80,7 @@ class Allocation(Block):
         """Command for a wanted wrench, and the wrench that it really asks for.
 
         Args:
-            tau: Wanted wrench, b at CO [N, N m], shape (6,).
+            tau: Desired wrench, b at CO [N, N m], shape (6,).
 
         Returns:
             The command, and the wrench that sound thrusters settle at with it, shape (6,).

@@ -87,7 +87,7 @@ def _rarely_read(record: Record, model: Model) -> list[Finding]:
     text = (
         f"read every {interval:.2g} s, while thrusters follow them within {follows:.2g} s: pushes in between are not "
         "known. Pushes held for several readings still tell thrust, drag and restoring; added mass, inertia, lags and "
-        "short or fed-back pushes cannot be told from this record."
+        "short or fed-back pushes cannot be recognised in this record."
     )
     fix = "Use the autopilot's own log of the same dive, or ask it for servo outputs 10 times a second or more."
     return [Finding("warning", "rare", "commands", text, fix)]
@@ -208,5 +208,5 @@ def _gaps(name: str, signal: Signal, record: Record) -> list[Finding]:
         return []
     longest, share = missing.max(), missing.sum() / record.duration
     text = f"{len(missing)} gaps, the longest {longest:.2g} s, {share:.0%} of the record."
-    fix = "Nothing is believed inside a gap; fly it again where much is missing."
+    fix = "Nothing inside a gap is used; fly it again where much is missing."
     return [Finding("warning", "gap", name, text, fix)]

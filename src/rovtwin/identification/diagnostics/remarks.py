@@ -61,7 +61,7 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
     if "tether.drag" not in parameters.names or len(lengths) > 1:
         return []
     return [
-        f"drag of the tether is not told apart from the hull's: all tests were flown with {lengths[0]:g} m paid out; "
+        f"the tether's drag cannot be separated from the hull's: all tests were flown with {lengths[0]:g} m paid out; "
         "repeat one of them with another, two lengths are enough"
         if lengths
         else "drag of the tether: no test says how much was paid out, the value is the prior's"

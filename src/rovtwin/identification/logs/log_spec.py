@@ -93,7 +93,7 @@ class SourceSpec(Strict):
     """One file of a test."""
 
     file: str = Field(description="recording, relative to the evidence file")
-    format: Format = Field("auto", description="else told from the file's ending and first bytes")
+    format: Format = Field("auto", description="else recognised by the file's ending and first bytes")
     clock: Clock | Estimate | None = Field(None, description="offset and drift against the first file, or estimate")
     commands: CommandSpec | None = None
     signals: dict[str, SignalSpec] = {}

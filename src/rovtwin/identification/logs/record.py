@@ -85,7 +85,9 @@ class Record:
 
     def __post_init__(self) -> None:
         if len(self.t_command) == 0 or self.command.shape[0] != len(self.t_command):
-            raise IdentificationError(f"{self.source}: found no commands; a test needs what the thrusters were told")
+            raise IdentificationError(
+                f"{self.source}: found no commands; an experiment needs what the thrusters were sent"
+            )
         if not self.signals:
             raise IdentificationError(f"{self.source}: found no measurements, expected one of {', '.join(SIGNALS)}")
         for name, signal in self.signals.items():

@@ -231,10 +231,10 @@ def _distinguished(
     idle = np.abs(pair) < t * std if np.all(np.isfinite(std)) else np.array([True, True])
     span = f"at {speeds.min():.3g}-{speeds.max():.3g}" + (f" {name}" if name else "")
     if np.all(idle):
-        return (f"linear and quadratic damping cannot be told apart: only their sum {span} is known",)
+        return (f"linear and quadratic damping cannot be separated: only their sum {span} is known",)
     if np.any(idle):
         term = ("linear", "quadratic")[int(np.argmax(idle))]
-        return (f"{term} damping cannot be told from zero {span}",)
+        return (f"{term} damping cannot be distinguished from zero {span}",)
     return ()
 
 

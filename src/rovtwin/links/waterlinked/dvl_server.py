@@ -246,7 +246,8 @@ class _Dvl:
         if not self._warned_of_none:
             self._warned_of_none = True
             self.station.say(
-                "dvl: no altimeter on board and no depth of the floor given: altitude is told as -1, which means none"
+                "dvl: no altimeter on board and no depth of the floor given: "
+                "altitude is reported as -1, which means none"
             )
         return NO_ALTITUDE
 

@@ -98,7 +98,7 @@ def _forces(result: Any, now: Curves, before: Curves, folder: Path) -> Section:
     damping = save(
         figures.damping_figure(now, before), folder, "damping", "Damping against speed",
         f"Motion in one direction at a time, over {tested}. The narrower the blue band against the grey one, the more "
-        "the tests have told. A grey band that leaves the panel is wider than it shows.",
+        "the tests have added. A grey band that leaves the panel is wider than it shows.",
     )  # fmt: skip
     thrust = save(
         figures.thrust_figure(now, before, result.tested), folder, "thrust", "Thrust against command",
@@ -134,7 +134,7 @@ def _blind(result: Any, folder: Path) -> Section:
     )  # fmt: skip
     strongest = tables.correlated_table(result)
     return Section(
-        "blind", "Not told apart", words, (), [*items, correlations, *([strongest] if strongest.rows else [])]
+        "blind", "Not separable", words, (), [*items, correlations, *([strongest] if strongest.rows else [])]
     )
 
 

@@ -128,7 +128,7 @@ def naive(score: Any) -> float:
 
 
 def excitation(result: Any) -> list[str]:
-    """Per parameter, what the tests did for it: not moved, moved but not told apart from others, told.
+    """Per parameter, what the tests did for it: not moved, moved but not separable from others, told.
 
     Information of the readings with all other parameters known says whether a parameter was excited at all; what is
     left of it when they are unknown too says whether it was told apart.
@@ -156,11 +156,11 @@ def _shared(result: Any, i: int, correlation: np.ndarray, ratio: float) -> str:
     names = result.parameters.names
     for number, blind in enumerate(result.blind, start=1):
         if names[i] in blind.names and len(blind.names) > 1:
-            return f"excited, not told apart from {len(blind.names) - 1} others (direction {number} below)"
+            return f"excited, not separable from {len(blind.names) - 1} others (direction {number} below)"
     k = int(np.argmax(np.abs(correlation)))
     if abs(correlation[k]) < 0.5:
         return "weakly excited"
-    apart = "not told apart" if ratio > PRIOR_ONLY else "partly told apart"
+    apart = "not separable" if ratio > PRIOR_ONLY else "partly separable"
     return f"excited, {apart} from {names[k]} ({correlation[k]:+.2f})"
 
 

@@ -46,7 +46,7 @@ CATALOGUE = (
     Entry(
         "path",
         "Path over ground",
-        "Seen from above, north up. The black line is where the vehicle was, the blue one where it believed to be; "
+        "Seen from above, north up. The black line is where the vehicle was, the blue one its estimate; "
         "grey dots are single position fixes. Look at how far the black line leaves the green legs, and at the "
         "corners, where guidance switches within the acceptance circle. Arrows half-way along the legs give "
         "course and time.",
@@ -84,7 +84,7 @@ CATALOGUE = (
     ),
     Entry(
         "forces",
-        "Thruster forces and wanted wrench",
+        "Thruster forces and desired wrench",
         "Left: force of each thruster between its limits. Right: the wrench that the controller asked for, at the "
         "origin of the body frame, without the components it never used; orange marks where a limit cut it. A force"
         " that rests on a limit means that the mission asks for more than the vehicle has; a force that fills its "
@@ -148,8 +148,8 @@ CATALOGUE = (
     Entry(
         "timing",
         "The loop and the line",
-        "How late each tick of the autopilot began, as a histogram and over time, and how long the vehicle had not "
-        "been heard. Ticks that come late by a whole period in a row make the fail-safe act; so does a silent line. "
+        "How late each tick of the autopilot began, as a histogram and over time, and how long nothing had come "
+        "from the vehicle. Ticks that come late by a whole period in a row make the fail-safe act; so does a silent line. "
         "There is no truth in this log: errors above are those that the estimate itself sees.",
         timing.timing,
         (("host/timing",),),

@@ -87,7 +87,7 @@ def _wrench(axes: list[Axes], flight: Flight, tau: Series, axes_used: list[int])
         one.set_ylim(*limits(tau.values[:, k], share=0.9995, least=0.05))
         if cut is not None:
             _saturated(one, cut.t, cut.values[:, k] > 0.5)
-    handles = [Line2D([], [], color=BLUE, linewidth=0.9, label="Wanted wrench")]
+    handles = [Line2D([], [], color=BLUE, linewidth=0.9, label="Desired wrench")]
     if cut is not None and (cut.values > 0.5).any():
         handles.append(Line2D([], [], color=ORANGE, linewidth=3, label="cut by a limit"))
     return handles

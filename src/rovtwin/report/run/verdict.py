@@ -16,7 +16,7 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "cross_track_rms_m": ("Cross-track error, rms", "m", 1, 3, "true distance to the commanded path, on legs"),
     "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "after the first dive"),
     "depth_rms_m": ("Depth error, rms", "m", 1, 4, "truth against command, after the first dive"),
-    "altitude_rms_m": ("Altitude error, rms", "m", 1, 3, "true distance to the floor against the wanted one, on legs"),
+    "altitude_rms_m": ("Altitude error, rms", "m", 1, 3, "true distance to the floor against the desired one, on legs"),
     "station_rms_m": ("Distance to the station, rms", "m", 1, 3, "while holding it"),
     "station_max_m": ("Distance to the station, largest", "m", 1, 3, "while holding it"),
     "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),
@@ -164,8 +164,8 @@ def overconfident(summary: Mapping[str, Any]) -> str:
     if mean is None or not np.isfinite(mean) or mean <= (interval or (1.0, 4.0))[1]:
         return ""
     return (
-        f"the filter is overconfident, its errors are {float(np.sqrt(mean / 2)):.1f} times as large as it believes: a "
-        "thruster, a sensor or the water may not be as described ('rovtwin watch' compares runs)"
+        f"the filter is overconfident, its errors are {float(np.sqrt(mean / 2)):.1f} times as large as its covariance "
+        "says: a thruster, a sensor or the water may not be as described ('rovtwin watch' compares runs)"
     )
 
 
@@ -179,7 +179,10 @@ def _about_nees(summary: Mapping[str, Any]) -> str:
         return f"{start}: {above}."
     if mean < low:
         factor = float(np.sqrt(max(mean, 1e-12) / 2))
-        return f"{start}: the filter is too cautious, its errors are only {factor:.2f} times as large as it believes."
+        return (
+            f"{start}: the filter is too cautious, its errors are only {factor:.2f} times as large as its "
+            "covariance says."
+        )
     return f"{start}: the filter is as sure of itself as it may be."
 
 

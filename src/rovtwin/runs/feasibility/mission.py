@@ -300,7 +300,7 @@ def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, turns:
         if planned < SLOWEST * leg_speed:
             does = (f"guidance asks for {SLOWEST * leg_speed:.2g} m/s all the same, {SLOWEST:.0%} of the leg's: the "
                     "vehicle falls behind, and may be carried off")  # fmt: skip
-        yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and {gives} {most:.2g} m/s over ground{why}",
+        yield Finding(f"{name}: {leg_speed:.2g} m/s are requested, and {gives} {most:.2g} m/s over ground{why}",
                       does, False)  # fmt: skip
     if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY) and leg.point.heading_deg is None:
         pushed = float(limits.top[SWAY, 0 if across > 0 else 1])
@@ -422,7 +422,7 @@ def _over_nothing(legs: list[_Leg], world: WorldSection) -> Iterator[Finding]:
     """Altitudes over a floor that is not there, whoever carries the altimeter: no echo would ever come."""
     for leg in legs:
         if leg.point.altitude and world.floor is None:
-            what = f"{leg.name}: an altitude of {leg.point.altitude:g} m is wanted, and the world has no floor"
+            what = f"{leg.name}: an altitude of {leg.point.altitude:g} m is requested, and the world has no floor"
             yield Finding(what, "set world.floor to its depth [m], or leave the altitude out", True)
 
 

@@ -61,7 +61,7 @@ def strayed(flown: Flown, model: Model) -> str:
     if flown.setpoint is None:
         return ""
     off = (flown.eta_hat - flown.setpoint)[rows, :2]
-    distance, where = np.hypot(*off.T), "where it was wanted"
+    distance, where = np.hypot(*off.T), "its set-point"
     beside = distance_to_leg(flown.eta_hat[rows, :3], flown.leg[rows])
     if distance[-1] < limits_of(model).step and beside[-1] > distance[-1]:
         distance, where = beside, "its leg"  # course keeping puts the set-point beside the vehicle

@@ -39,7 +39,7 @@ class Waypoint(Strict):
         default=None, description="in place of position: latitude, longitude [deg, WGS-84], depth [m]"
     )
     acceptance: Positive = Field(default=0.2, description="radius [m]; left out, the vehicle's own: docs/scenarios.md")
-    speed: Positive = Field(default=0.2, description="wanted on the leg [m/s]; left out, the vehicle's own")
+    speed: Positive = Field(default=0.2, description="desired on the leg [m/s]; left out, the vehicle's own")
     hold_time: NonNegative = Field(default=0.0, description="time to stay [s]")
     heading_deg: Degrees | None = Field(default=None, description="heading to keep; default along the leg")
     altitude: Positive | None = Field(

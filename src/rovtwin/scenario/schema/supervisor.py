@@ -76,14 +76,14 @@ class SupervisorSection(Strict):
         default=RuleSection(),
         description="mean squared normalised innovation of positions, by axis, over some 20 of them",
     )
-    positions_lost: _Rule = Field(default=RuleSection(), description="since a position was believed [s]")
+    positions_lost: _Rule = Field(default=RuleSection(), description="since a position was accepted [s]")
     thruster_failed: _Switch = Field(
         default=SwitchRuleSection(), description="and what is left is too little for the mission"
     )
     saturated: _Switch = Field(
         default=SwitchRuleSection(), description="a tenth of an axis's wrench short of what the controller wants"
     )
-    link_lost: _Rule = Field(default=RuleSection(), description="since the vehicle was last heard [s]")
+    link_lost: _Rule = Field(default=RuleSection(), description="since anything came from the vehicle [s]")
     deadline_missed: _Rule = Field(default=RuleSection(), description="lateness of ticks, in control periods")
     geofence: _Fence = Field(default=FenceSection(), description="how far the vehicle may go")
     altitude_limit: _Rule = Field(default=RuleSection(), description="least distance to the floor [m]; needs altimeter")
@@ -92,7 +92,7 @@ class SupervisorSection(Strict):
     no_way_home: _Rule = Field(
         default=RuleSection(), description="since the vehicle last came nearer, while it returns [s]"
     )
-    sensor_silent: _Rule = Field(default=RuleSection(), description="since attitude or depth was last told [s]")
+    sensor_silent: _Rule = Field(default=RuleSection(), description="since attitude or depth was last received [s]")
     off_course: _Rule = Field(
         default=RuleSection(),
         description="level distance from the set-point beyond which the vehicle has to come nearer [m]; without a "

@@ -64,7 +64,7 @@ def ballast_tables(found: dict[str, Any]) -> list[Any]:
     heads = ("", "mass [g]", "volume [mL]", "lift [N]", "middle at x, y, z [mm]", "such as [mm]")
     shown: list[Any] = [_titled(f"pieces for {found['vehicle']}", _table(heads, pieces, numbers=1))]
     if not pieces:
-        shown = [Text(f"{found['vehicle']} is as wanted: no pieces\n", style="bold")]
+        shown = [Text(f"{found['vehicle']} meets the target: no pieces needed\n", style="bold")]
     shown.append(_titled(f"in water of {_g(water)} kg/m3", _ballast_figures(found)))
     if found["notes"]:
         shown.append(_pairs("to know", [("-", line) for line in found["notes"]]))
