@@ -54,10 +54,10 @@ def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None,
 
 @scenario_app.command("check")
 def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
-    """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying.
+    """Check a scenario, its vehicle and its mission for mistakes (exit code 2), without flying.
 
-    Also what the vehicle cannot do of the mission and what it does instead, in waves or current whether it can hold its
-    place (`rovtwin sea` says more), and whether a battery is empty from the start.
+    Lists, too, what the vehicle cannot do of the mission and what it does instead, in waves or current whether it can
+    hold its place (`rovtwin sea` has the figures), and whether a battery is empty from the start.
     """
     from rovtwin.runs.compose.battery import empty_at_start
     from rovtwin.runs.compose.composition import compose

@@ -19,7 +19,7 @@ def calibrate(
     images: Annotated[list[Path], typer.Argument(help="Pictures of a chessboard, such as images/*.png.")],
     board: Annotated[str, typer.Option(help="Inner corners along its sides, such as 9x6.")] = "9x6",
     square: Annotated[str, typer.Option(help="Side of a square.")] = "25mm",
-    name: Annotated[str, typer.Option(help="Of the camera.")] = "camera",
+    name: Annotated[str, typer.Option(help="Name of the camera.")] = "camera",
     out: Annotated[Path, typer.Option("-o", "--out", help="Camera file to write.")] = Path("camera.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Draw the residuals: .png, .svg or .pdf.")] = None,
     overwrite: Overwrite = False,

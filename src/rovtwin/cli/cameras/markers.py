@@ -9,15 +9,15 @@ from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit
 
 
 def markers(
-    ids: Annotated[str, typer.Option(help="Which: 0-11, or 0,3,7-9.")] = "0-11",
+    ids: Annotated[str, typer.Option(help="Numbers of the markers: 0-11, or 0,3,7-9.")] = "0-11",
     size: Annotated[str, typer.Option(help="Side of the black square: 150mm, 0.15.")] = "150mm",
-    dictionary: Annotated[str, typer.Option(help="One of OpenCV's.")] = "DICT_4X4_50",
+    dictionary: Annotated[str, typer.Option(help="A dictionary of OpenCV.")] = "DICT_4X4_50",
     page: Annotated[str, typer.Option(help="a4, a3 or letter.")] = "a4",
     out: Annotated[Path, typer.Option("-o", "--out", help="PDF to write.")] = Path("markers.pdf"),
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print markers to scale, with cut marks and a ruler that tells whether the printer kept to it.
+    """Print markers to scale, with cut marks and a ruler to check the printer's scale.
 
     Example: [bold]rovtwin markers --ids 0-11 --size 150mm -o markers.pdf[/bold]
 

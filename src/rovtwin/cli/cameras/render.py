@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError
 def render(
     scene: Annotated[str, typer.Argument(help="A scene of the library (mclab, pool, seabed) or a YAML file.")],
     vehicle: Annotated[str, typer.Option(help="A library name or a file.")] = "double_blueye",
-    camera: Annotated[str | None, typer.Option(help="Which of its cameras; default the first.")] = None,
+    camera: Annotated[str | None, typer.Option(help="Name of its camera; default the first.")] = None,
     at: Annotated[
         str, typer.Option(metavar="X,Y,Z,HEADING", help="Where the vehicle is: north, east, depth [m], heading [deg].")
     ] = "0,0,0.7,0",
@@ -22,7 +22,7 @@ def render(
     beam_attenuation: Annotated[
         float | None, typer.Option(min=0.06, max=20.0, help="Murkier water: in green [1/m]; default the scene's water.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the image noise; default none.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the image noise; default no noise.")] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Picture to write: .png or .jpg.")] = Path("picture.png"),
     as_json: AsJson = False,
 ) -> None:

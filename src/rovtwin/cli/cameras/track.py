@@ -27,8 +27,10 @@ def track(
     ] = None,
     video_start: Annotated[float, typer.Option(help="Time of a film's first frame by the log's clock [s].")] = 0.0,
     method: Annotated[str, typer.Option(help="ekf, luenberger or smoother.")] = "ekf",
-    vehicle: Annotated[str, typer.Option(help="That carries the cameras.")] = "double_blueye",
-    camera: Annotated[list[str] | None, typer.Option(help="Of the vehicle, in the order of the videos.")] = None,
+    vehicle: Annotated[str, typer.Option(help="Vehicle that carries the cameras.")] = "double_blueye",
+    camera: Annotated[
+        list[str] | None, typer.Option(help="Names of the vehicle's cameras, in the order of the videos.")
+    ] = None,
     lens: Annotated[list[Path] | None, typer.Option(help="Camera file in place of the vehicle's lens.")] = None,
     layout: Annotated[
         Path | None, typer.Option(help="Markers of known place; else layout.yaml beside the log.")
@@ -37,13 +39,15 @@ def track(
         bool, typer.Option("--no-layout", help="No marker's place is known: the start fixes the frame.")
     ] = False,
     dictionary: Annotated[
-        str | None, typer.Option(help="Of the markers, without a layout; default DICT_4X4_50.")
+        str | None, typer.Option(help="Dictionary of the markers, without a layout; default DICT_4X4_50.")
     ] = None,
     size: Annotated[str, typer.Option(help="Side of markers that are not in the layout.")] = "150mm",
     start: Annotated[str, typer.Option(help="Place at the first frame, x,y,z in n [m].")] = "0,0,0",
-    attitude_noise: Annotated[float, typer.Option(min=1e-5, help="Of one reading of an angle [rad].")] = 1e-3,
+    attitude_noise: Annotated[
+        float, typer.Option(min=1e-5, help="Noise of one reading of an angle [rad], std.")
+    ] = 1e-3,
     acceleration: Annotated[
-        str, typer.Option(help="Of the vehicle, rms, or x,y,z along north, east and down [m/s2].")
+        str, typer.Option(help="Acceleration of the vehicle, rms, or x,y,z along north, east and down [m/s2].")
     ] = "0.1",
     marker_scale_std: Annotated[
         float | None,
@@ -60,9 +64,9 @@ def track(
     The log written has the track and, frame by frame, positions that [bold]rovtwin identify[/bold] reads as those of a
     sensor, beside the commands and other sensors of LOG.
 
-    Of a run that was flown with --camera: [bold]rovtwin track runs/pool/log.mcap -o track.mcap[/bold]
+    For a run that was flown with --camera: [bold]rovtwin track runs/pool/log.mcap -o track.mcap[/bold]
 
-    Of any recording: [bold]rovtwin track log.mcap --video port.mp4 --camera port --lens camera.yaml[/bold]
+    For any recording: [bold]rovtwin track log.mcap --video port.mp4 --camera port --lens camera.yaml[/bold]
     """
     from rovtwin.core.quantity import LENGTH, point, positive
     from rovtwin.positioning.track import METHODS

@@ -11,7 +11,7 @@ from rovtwin.cli.evidence.thrust import thrust
 from rovtwin.cli.evidence.towing import towing
 
 evidence_app = typer.Typer(
-    help="One method at a time: what a formula, a mesh, a towing, free-running or decay test says of the parameters.",
+    help="Parameters by one method at a time: a formula, a mesh, a towing, free-running or decay test.",
     no_args_is_help=True,
 )
 evidence_app.command()(towing)

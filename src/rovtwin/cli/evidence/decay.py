@@ -20,7 +20,9 @@ RATIO_UNITS = ("1/s2", "1/s", "1/rad")
 def decay(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV with time and angle, or a log.")],
     axis: Annotated[str, typer.Option(help="roll or pitch.")] = "roll",
-    column: Annotated[str | None, typer.Option(help="Of the angle in a CSV; one ending in deg is in degrees.")] = None,
+    column: Annotated[
+        str | None, typer.Option(help="Column of the angle in a CSV; one ending in deg is in degrees.")
+    ] = None,
     stiffness: Annotated[str | None, typer.Option(metavar="K[:SD]", help="Known W BG [N m/rad].")] = None,
     inertia: Annotated[
         str | None, typer.Option(metavar="J[:SD]", help="Known inertia with added mass [kg m2].")

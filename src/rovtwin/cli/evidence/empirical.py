@@ -11,7 +11,7 @@ from rovtwin.core.files import write_text
 Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the block `hydrodynamics:` of a vehicle file.")
 ]
-Density = Annotated[str, typer.Option("--density", help="Of the water: fresh, sea, or kg/m3.")]
+Density = Annotated[str, typer.Option("--density", help="Water: fresh, sea, or a density [kg/m3].")]
 
 
 def empirical(
@@ -19,7 +19,7 @@ def empirical(
     size: Annotated[
         str | None,
         typer.Option(
-            metavar="L,W,H", help="Of the box around it [m], or with units: 640mm,950mm,354mm; else of its shapes."
+            metavar="L,W,H", help="Size of the box around it [m], or with units: 640mm,950mm,354mm; else of its shapes."
         ),
     ] = None,
     areas: Annotated[
@@ -35,7 +35,7 @@ def empirical(
     thesis's sec. 3.3). Beside each number stands what the vehicle's file says and how many standard deviations away
     that is. It is a prior, never a result: tests differ by a factor of 2, at worst of 10.
 
-    Of a vehicle whose parts have shapes:
+    For a vehicle whose parts have shapes:
 
         rovtwin evidence empirical double_blueye
 

@@ -17,16 +17,18 @@ Length = str | None
 def panel(
     body: Annotated[str, typer.Argument(metavar="VEHICLE_OR_MESH", help="A library name, a YAML file, an STL or OBJ.")],
     depth: Annotated[
-        Length, typer.Option(help="Of the origin below the surface: 0.5, 50cm; default far from it.")
+        Length, typer.Option(help="Depth of the origin below the surface: 0.5, 50cm; default far from it.")
     ] = None,
-    floor: Annotated[Length, typer.Option(help="From the origin down to the floor; default far from it.")] = None,
+    floor: Annotated[
+        Length, typer.Option(help="Distance from the origin down to the floor; default far from it.")
+    ] = None,
     panel_size: Annotated[Length, typer.Option(help="Mean side of a panel; default about 1500 panels.")] = None,
     density: Density = "fresh",
-    scale: Annotated[float, typer.Option(help="Of a mesh: metres per unit of the file; 0.001 for millimetres.")] = 1.0,
+    scale: Annotated[float, typer.Option(help="Metres per unit of a mesh file; 0.001 for millimetres.")] = 1.0,
     frame: Annotated[
-        str, typer.Option(help="Of a mesh: its axes forward, to starboard, down. z up and y to port: x,-y,-z.")
+        str, typer.Option(help="Axes of a mesh that point forward, to starboard, down. z up and y to port: x,-y,-z.")
     ] = "x,y,z",
-    origin: Annotated[str, typer.Option(help="Of a mesh: where the body's origin is, in the file's units.")] = "0,0,0",
+    origin: Annotated[str, typer.Option(help="The body's origin in a mesh, in the file's units.")] = "0,0,0",
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the panels, coloured by the water's pressure.")
     ] = None,

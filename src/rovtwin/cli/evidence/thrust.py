@@ -30,9 +30,14 @@ def thrust(
         typer.Option(metavar="F[:SD]", help="With --speeds: force at full command [N]; SD 2 % unless given."),
     ] = None,
     exponent: Annotated[
-        str | None, typer.Option(metavar="N[:SD]", help="With --speeds: of the curve; else FILEs', else 1.75:0.125.")
+        str | None,
+        typer.Option(
+            metavar="N[:SD]", help="With --speeds: exponent of the curve; else that of FILEs, else 1.75:0.125."
+        ),
     ] = None,
-    dof: Annotated[str, typer.Option(help="With --speeds: surge, sway, heave, roll, pitch or yaw.")] = "surge",
+    dof: Annotated[
+        str, typer.Option(help="With --speeds: direction, surge, sway, heave, roll, pitch or yaw.")
+    ] = "surge",
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a figure, .png, .svg or .pdf.")] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write keys of a vehicle file.")] = None,
     as_json: AsJson = False,

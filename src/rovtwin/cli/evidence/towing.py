@@ -22,16 +22,19 @@ def towing(
     ],
     dof: Dof = "surge",
     vehicle: Annotated[
-        str | None, typer.Option(help="Its size across the motion says whether strokes were long enough.")
+        str | None, typer.Option(help="Vehicle whose size across the motion decides whether strokes were long enough.")
     ] = None,
     across: Annotated[
-        tuple[float, float] | None, typer.Option(metavar="A B", help="The same as two sizes [m], without a vehicle.")
+        tuple[float, float] | None,
+        typer.Option(metavar="A B", help="Two sizes across the motion [m], without a vehicle."),
     ] = None,
     rig: Annotated[list[Path] | None, typer.Option(help="Tows of the rig alone, to subtract. Repeatable.")] = None,
     tare: Annotated[float | None, typer.Option(help="Force at rest [N]; default from the runs' own rests.")] = None,
-    cutoff: Annotated[float | None, typer.Option(help="Of the low-pass [Hz]; default 9 / (2 shortest).")] = None,
+    cutoff: Annotated[
+        float | None, typer.Option(help="Cut-off of the low-pass [Hz]; default 9 / (2 shortest).")
+    ] = None,
     shortest: Annotated[float, typer.Option(help="Shortest steady window [s].", min=0.1)] = 2.0,
-    density: Annotated[float, typer.Option(help="Of the water [kg/m3].", min=900, max=1100)] = 1000.0,
+    density: Annotated[float, typer.Option(help="Density of the water [kg/m3].", min=900, max=1100)] = 1000.0,
     unconstrained: Annotated[bool, typer.Option("--unconstrained", help="Let coefficients be negative.")] = False,
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a figure, .png, .svg or .pdf.")] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write hydrodynamics of a vehicle file.")] = None,

@@ -34,12 +34,14 @@ def console(
         str | None,
         typer.Option(metavar="URL", help="Stream of a real camera, rtsp://.. ; that of a Blueye is known."),
     ] = None,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Of the web page.")] = PORT,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web page.")] = PORT,
     host: Annotated[str, typer.Option(help="Address to serve at; others than this machine need the token shown.")] = (
         "127.0.0.1"
     ),
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
-    speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Of simulated time; it can be changed later.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.1, max=50.0, help="Speed of simulated time; it can be changed later.")
+    ] = 1.0,
     runs: Annotated[Path, typer.Option(help="Folder for the logs of flights.")] = Path("runs"),
     replay: Annotated[
         Path | None,

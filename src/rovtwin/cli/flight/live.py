@@ -150,7 +150,7 @@ def _print_readiness(readiness: Any, screen: Console) -> None:
 
 def record(
     scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="For the vehicle and its sensors; see `scenario list`.")
+        str, typer.Argument(metavar="SCENARIO", help="Scenario with the vehicle and its sensors; see `scenario list`.")
     ],
     link: Annotated[str, typer.Option(metavar="URL", help="The vehicle; see `rovtwin fly --help`.")],
     out: Annotated[Path, typer.Option(help="New MCAP file.")],
@@ -158,7 +158,7 @@ def record(
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Seconds of the vehicle's time; else until Ctrl-C.")
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=50.0, help="Of a served twin's time.")] = 1.0,
+    speed: Annotated[float, typer.Option(min=0.01, max=50.0, help="Speed of a served twin's time.")] = 1.0,
     seed: Seed = None,
     overrides: Overrides = None,
     as_json: AsJson = False,

@@ -67,10 +67,10 @@ def fly(
 ) -> None:
     """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/.
 
-    With --link the vehicle is not computed here: [bold]rovtwin fly lawnmower_calm --link
+    With --link the autopilot flies a vehicle over its protocol: [bold]rovtwin fly lawnmower_calm --link
     blueye://127.0.0.2,127.0.0.3 --sensor ugps://127.0.0.1:8080[/bold] flies what `rovtwin serve` serves, or two real
-    drones. Thrusters turn only after you say so, and stop however this program ends. Tests fly so, too: what comes, and
-    when a hand has to tilt the vehicle and let go, is said as it comes.
+    drones. Thrusters turn only after you confirm it, and stop however this program ends. Tests fly in the same way;
+    the terminal announces each step, and when a hand has to tilt the vehicle and let go.
     """
     loaded, screen = _scenario_of(scenario, replay, overrides or (), seed), console(as_json)
     if link is not None:

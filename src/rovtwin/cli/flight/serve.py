@@ -30,7 +30,9 @@ Addresses = Annotated[
         help="Where to listen, such as 127.0.0.2, one for each drone, or dvl=127.0.0.1:16171; also several.",
     ),
 ]
-Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Of the first protocol, in place of its own.")]
+Port = Annotated[
+    int | None, typer.Option(min=1, max=65535, help="Port of the first protocol, in place of its usual one.")
+]
 Expose = Annotated[bool, typer.Option("--expose", help="Allow addresses that others on the network reach.")]
 Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help=f"Simulated seconds a second; not for {FIRMWARES[0]}.")]
 Duration = Annotated[float | None, typer.Option(min=0.0, help="End after so many simulated seconds; else Ctrl-C.")]
@@ -51,11 +53,11 @@ def serve(
     log: Annotated[Path | None, typer.Option(help="Write the truth to a new MCAP file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Let the twin stand in for the vehicle: it speaks the vehicle's own protocol until Ctrl-C.
+    """Serve the twin in place of the vehicle, over the vehicle's own protocol, until Ctrl-C.
 
-    [bold]rovtwin serve double_blueye --protocol blueye --protocol ugps[/bold] are two drones at 127.0.0.2 and
-    127.0.0.3 for the vendor's SDK, and an Underwater GPS; [bold]rovtwin serve bluerov2_heavy --protocol mavlink[/bold]
-    is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own. A vehicle that
+    [bold]rovtwin serve double_blueye --protocol blueye --protocol ugps[/bold] are two drones at 127.0.0.2 and 127.0.0.3
+    for the vendor's SDK, and an Underwater GPS; [bold]rovtwin serve bluerov2_heavy --protocol mavlink[/bold] is a
+    BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol the vehicle's own is served. A vehicle that
     would sink is ballasted first; [bold]--set world.net_buoyancy=0[/bold] leaves it as described.
     """
     from rovtwin.live.serving.beforehand import command_line, stick_of, warnings

@@ -73,17 +73,19 @@ def identify(
             metavar="LOG", help="Go on where checks say that this log is wrong: its file or name. Repeatable."
         ),
     ] = None,
-    trust_logs: Annotated[bool, typer.Option("--trust-logs", help="The same of every log; --trust is safer.")] = False,
+    trust_logs: Annotated[
+        bool, typer.Option("--trust-logs", help="Trust every log; --trust names single ones and is safer.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Estimate a vehicle's parameters from its tests, with covariance, and write them as a vehicle file.
 
     The file flies at once: [bold]rovtwin fly lawnmower_calm --set vehicle=identified.yaml[/bold]. The report says what
-    was learnt and what was not; what no test could tell stays at the prior and is named. A result that is not to be
-    relied on is written with --keep only; exit code 1, and the report says why.
+    was learnt and what was not; parameters that no test could show stay at the prior and are named. A result that is
+    not to be relied on is written with --keep only; exit code 1, and the report says why.
 
-    Logs are checked first. What cannot be right ends the command; a log of --validate is left out instead, and a log of
-    --trust is used all the same. Either way the screen, the report and --json say what the checks found.
+    Logs are checked first. A log that cannot be right ends the command; a log of --validate is left out instead, and a
+    log of --trust is used all the same. Either way the screen, the report and --json say what the checks found.
 
     From logs of rovtwin itself: [bold]rovtwin identify double_blueye runs/*/log.mcap -o identified.yaml[/bold]
 

@@ -37,10 +37,10 @@ def watch(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what has changed of a vehicle: drag, added mass, forces, top speed, buoyancy, each with its error.
+    """Report what has changed of a vehicle: drag, added mass, forces, top speed, buoyancy, each with its error.
 
-    A filter goes over each log at the parameters of the description, and what it could not foresee says by which
-    factors they are off. No test is needed: any run with turns, dives and legs at speed will do.
+    A filter goes over each log with the parameters of the description, and its innovations show by which factors
+    these are off. No test is needed: any run with turns, dives and legs at speed will do.
 
     One run is compared with the identification of the vehicle, several with the first of them:
 

@@ -18,14 +18,17 @@ def plan_survey(
     area: Annotated[Path, typer.Option(help="GeoJSON with polygons (WGS-84), or YAML with outline and holes [m].")],
     swath: Annotated[float, typer.Option(help="Width that is seen at once [m].")],
     overlap: Annotated[float, typer.Option(help="Share of the swath that neighbouring lines both see.")] = 0.2,
-    heading: Annotated[str, typer.Option(help="Of the lines [deg], or auto: what takes least time.")] = "auto",
+    heading: Annotated[
+        str, typer.Option(help="Direction of the lines [deg], or auto: the one that takes least time.")
+    ] = "auto",
     vehicle: Annotated[str | None, typer.Option(help="A library name or a file; default the scenario's.")] = None,
-    depth: Annotated[float | None, typer.Option(help="Of the lines [m]; default 3.")] = None,
-    altitude: Annotated[float | None, typer.Option(help="In place of a depth: over the floor [m].")] = None,
+    depth: Annotated[float | None, typer.Option(help="Depth of the lines [m]; default 3.")] = None,
+    altitude: Annotated[float | None, typer.Option(help="Height over the floor [m], in place of a depth.")] = None,
     floor: Annotated[float | None, typer.Option(help="Depth of the sea floor [m]; default the scenario's.")] = None,
-    speed: Annotated[float | None, typer.Option(help="On the lines [m/s]; default the vehicle's own.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Speed on the lines [m/s]; default the vehicle's own.")] = None,
     clearance: Annotated[
-        float | None, typer.Option(help="Of the vehicle's origin from holes [m]; default its hull and a margin.")
+        float | None,
+        typer.Option(help="Distance of the vehicle's origin from holes [m]; default its hull and a margin."),
     ] = None,
     inside: Annotated[bool, typer.Option("--inside", help="Never leave the outline: a tank, a quay.")] = False,
     scenario: Annotated[str, typer.Option(help="World, sensors, autopilot, datum: a name or a file.")] = (

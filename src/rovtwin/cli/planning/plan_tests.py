@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def plan_tests(
     vehicle: Annotated[str, typer.Argument(help="A library name or a file; identified.yaml after an earlier test.")],
-    minutes: Annotated[float, typer.Option(min=0.5, max=240, help="Of test, ways home included.")] = 15.0,
+    minutes: Annotated[
+        float, typer.Option(min=0.5, max=240, help="Length of the test [min], ways home included.")
+    ] = 15.0,
     tank: Annotated[
         str | None, typer.Option(help="Length x width x depth of the water [m]; default: what the vehicle needs.")
     ] = None,
@@ -28,16 +30,16 @@ def plan_tests(
             "identified vehicle 0: its file says how well thrust is known.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the multi-sines to choose from.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the multi-sines to choose from.")] = 1,
     out: Annotated[Path, typer.Option("-o", "--out", help="Scenario to write.")] = Path("planned_test.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a figure, .png, .svg or .pdf.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Lay out the test that is expected to tell most about a vehicle, and write it as a scenario.
+    """Lay out the test that should give the most information about a vehicle, and write it as a scenario.
 
     Multi-sines, doublets and releases are flown by the twin; those that stay within thrusters, tank and depth are
-    judged by the information that they give about the parameters, and the best are put together. Beside it stands what
-    the thesis's steady steps would tell in the same time.
+    judged by the information that they give about the parameters, and the best are put together. The thesis's steady
+    steps in the same time are shown for comparison.
 
     Example: [bold]rovtwin plan-tests double_blueye --minutes 15 --tank 6x3x1.5 --figure plan.png[/bold]
 

@@ -9,7 +9,7 @@ from rovtwin.cli.scenarios import Overrides, ScenarioName, Seed
 
 
 def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
-    """Say whether the vehicle can hold its place at the mission's way-points: required against available force.
+    """Check whether the vehicle can hold its place at the mission's way-points: required against available force.
 
     In a scenario with the thesis's wave forces, also in the real sea of the same height and period.
     """

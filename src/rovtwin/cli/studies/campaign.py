@@ -26,7 +26,7 @@ QUIET = 15.0  # between lines about progress where there is no terminal [s]
 def campaign(
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="CAMPAIGN.yaml", help="What varies; or a folder of results, to go on with it."),
+        typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file; or a folder of results, to go on with it."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the results; default runs/campaign-<name>. What is there is kept.")

@@ -28,12 +28,12 @@ def add(
         str, typer.Argument(metavar="DEVICE", help="A device or vehicle of the library (vehicle list), or a YAML file.")
     ],
     at: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="Its origin in the body frame: -0.2,0,0.16 (m) or -200mm,0,160mm.")
+        str, typer.Option(metavar="X,Y,Z", help="Its place in the body frame: -0.2,0,0.16 (m) or -200mm,0,160mm.")
     ],
     attitude_deg: Annotated[
         str, typer.Option(metavar="R,P,Y", help="Its roll, pitch, yaw: 0,-90,0 turns its x axis down.")
     ] = "0,0,0",
-    name: Annotated[str | None, typer.Option(help="Of the part; default the device's.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the part; default the device's.")] = None,
     ballast: Ballast = False,
     buoyancy: Buoyancy = None,
     out: Out = None,
@@ -61,7 +61,7 @@ def add(
 
 def remove(
     vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")],
-    part: Annotated[str, typer.Argument(metavar="PART", help="Its name in the file's list of parts.")],
+    part: Annotated[str, typer.Argument(metavar="PART", help="Name of the part in the file's list.")],
     ballast: Ballast = False,
     buoyancy: Buoyancy = None,
     out: Out = None,
@@ -87,7 +87,7 @@ def diff(
 ) -> None:
     """Two vehicles side by side: mass, balance, added mass, top speeds, power, what a filter can know of their place.
 
-    Of identified files what tests found counts; to compare parameters with their errors see rovtwin compare.
+    Of identified files the identified parameters count; to compare parameters with their errors see rovtwin compare.
     """
     from rovtwin.runs.vehicle_figures import compared
     from rovtwin.vehicle import load_vehicle

@@ -39,7 +39,7 @@ Water = Annotated[
     str | None,
     typer.Option(
         "--water",
-        help="It is in: fresh, sea, a density [kg/m3], or temperature and salinity as '12C 34'; default the file's.",
+        help="Water: fresh, sea, a density [kg/m3], or temperature and salinity as '12C 34'; default the file's.",
     ),
 ]
 
@@ -62,7 +62,7 @@ def show(vehicle: VehicleName, water: Water = None, as_json: AsJson = False) -> 
 
 @vehicle_app.command("check")
 def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
-    """Say what is wrong with a vehicle file (exit code 2), or whether it sinks or capsizes and what else to know."""
+    """Check a vehicle file: what is wrong with it (exit code 2), whether it sinks or capsizes and what else to know."""
     from rovtwin.vehicle import check as check_it
 
     found = check_it(vehicle)
@@ -99,7 +99,8 @@ def ballast(
     foam_density: Annotated[str, typer.Option(metavar="DENSITY", help="kg/m3.")] = "200",
     weight_density: Annotated[str, typer.Option(metavar="DENSITY", help="kg/m3; lead.")] = "11340",
     max_mass: Annotated[
-        str | None, typer.Option(metavar="MASS", help="Of all pieces together; default a quarter of the vehicle's.")
+        str | None,
+        typer.Option(metavar="MASS", help="Largest mass of all pieces together; default a quarter of the vehicle's."),
     ] = None,
     step: Annotated[
         str | None,
@@ -110,7 +111,7 @@ def ballast(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say which foam or lead to put where, so that a vehicle floats, hangs and rights itself as wanted.
+    """Find which foam or lead to put where, for a given net buoyancy, level trim and metacentric height.
 
     For example: rovtwin vehicle ballast my.yaml --buoyancy 2N --level --bg 20mm -o ballasted.yaml
     """

@@ -149,7 +149,8 @@ CATALOGUE = (
         "timing",
         "The loop and the line",
         "How late each tick of the autopilot began, as a histogram and over time, and how long nothing had come "
-        "from the vehicle. Ticks that come late by a whole period in a row make the fail-safe act; so does a silent line. "
+        "from the vehicle. Ticks that come late by a whole period in a row make the fail-safe act; so does a silent "
+        "line. "
         "There is no truth in this log: errors above are those that the estimate itself sees.",
         timing.timing,
         (("host/timing",),),
