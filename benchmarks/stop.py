@@ -4,7 +4,7 @@ python -m benchmarks.stop                     # about ten minutes, with the auto
 python -m benchmarks.stop --only idle import  # these loads
 
 Pressed as the page presses it: over the page's socket and as a request of its own, both at once. Measured from then
-until the first answer that thrusters are off, which the link's host gives once the vehicle has been told zero. Presses
+until the first answer that thrusters are off, which the link's host gives once the vehicle has been sent zero. Presses
 come at random times, so that none waits for another. Loads run in a process of their own.
 """
 
@@ -273,7 +273,7 @@ def measure(name: str, port: int, presses: int) -> dict[str, Any]:
 
 
 def _ready(port: int) -> None:
-    """Wait until the vehicle is heard."""
+    """Wait until the vehicle is connected."""
     until = time.monotonic() + COMPILING
     operator = None
     while time.monotonic() < until:

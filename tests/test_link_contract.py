@@ -275,7 +275,7 @@ def test_stop_latches(rig):
     assert not rig.applied().any()
     rig.link.stop()
     rig.wait(0.2)
-    assert rig.listen()  # a stopped vehicle can still be heard
+    assert rig.listen()  # a stopped vehicle still sends
 
 
 def test_command_expires(rig):

@@ -33,7 +33,7 @@ MARKERS = {"scale": "s", "clip": "^", "priorities": "o"}
 
 
 def made(model, tau, health):
-    """Wrench that the thrusters settle at with each allocation, which is told of the health, by name."""
+    """Wrench that the thrusters settle at with each allocation, which is given the health, by name."""
     thrusters = model.thrusters
     weak = model.replace(thrusters=thrusters_with(thrusters, health))
     commands = {name: Allocation.of(weak, saturation=name)(jnp.asarray(tau))[0].u for name in ("scale", "clip")}
@@ -51,7 +51,7 @@ def thrusters_with(thrusters, health):
 
 
 def plane(axis, model, tau, health, title):
-    """Surge and yaw that can be made, what was wanted and what is made."""
+    """Surge and yaw that can be made, what was requested and what is made."""
     T, (low, high) = np.asarray(model.thrusters.configuration) * health, force_limits(model.thrusters)
     surge = [i for i in range(T.shape[1]) if abs(np.asarray(model.thrusters.configuration)[0, i]) > 0.5]
     port, starboard = ((T[[0, 5], i], low[i], high[i]) for i in surge)

@@ -53,7 +53,7 @@ LAWNMOWER = [
 
 
 class Perfect(Block):
-    """Believes the truth it is told."""
+    """Believes the truth it is given."""
 
     def init(self, key, start):
         return jnp.zeros(())

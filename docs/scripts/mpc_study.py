@@ -2,7 +2,7 @@
 
 python docs/scripts/mpc_study.py [--out docs/figures] [--cases calm current_ahead ...] [--controllers tracking lqr ...]
 
-All fly one path with the full 6-DOF plant, thrusters with lag, and are told the truth: pose, velocity and force of the
+All fly one path with the full 6-DOF plant, thrusters with lag, and are given the truth: pose, velocity and force of the
 current (predictive control the current itself). Predictive control is in three degrees of freedom with the forces of
 the horizontal thrusters, their lag and limits, and plans its own speed along the path up to the leg's (contouring
 control, predictive.py). It is solved to convergence at 10 Hz and its answer comes at once. It needs casadi, which is no

@@ -1,4 +1,4 @@
-"""What an operator is told at once, and by which sensors."""
+"""What an operator sees at once, and by which sensors."""
 
 import pytest
 from tests.console import messages

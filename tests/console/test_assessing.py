@@ -16,7 +16,7 @@ from rovtwin.vehicle import load_vehicle
 
 
 class FakeProcess:
-    """Answers with the quality of a log; ends at once where it is told to."""
+    """Answers with the quality of a log; ends at once where it is asked to."""
 
     asked: list[tuple[str, bool]] = []
     dies = 0

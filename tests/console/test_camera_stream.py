@@ -37,7 +37,7 @@ class FakeProcess:
 
 @pytest.fixture
 def reported(monkeypatch):
-    """What pages were told: sights as they come, and what is kept for later ones."""
+    """What pages were sent: sights as they come, and what is kept for later ones."""
     monkeypatch.setattr(camera_stream, "PictureProcess", FakeProcess)
     monkeypatch.setattr(camera_stream, "REST", 0.2)
     FakeProcess.made = []

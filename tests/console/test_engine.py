@@ -142,7 +142,7 @@ class FakeFlight:
 
 @pytest.fixture
 def engine(monkeypatch):
-    """An engine with a vehicle that was heard, not armed."""
+    """An engine with a vehicle that is connected, not armed."""
     monkeypatch.setattr(module, "SessionBuilder", FakeBuilder)
     monkeypatch.setattr(module, "Publisher", FakeTeller)
     monkeypatch.setattr(module, "setup_of", lambda *_: {})
@@ -404,7 +404,7 @@ def test_a_message_that_is_nested_too_deep_is_not_understood(bridge):
 
 
 class Moored(Helm):
-    """Of a vehicle that is heard, at a place `at` once it is armed; it flies nothing."""
+    """Of a vehicle that is connected, at a place `at` once it is armed; it flies nothing."""
 
     is_running, output = False, None  # type: ignore[assignment]
 
@@ -473,7 +473,7 @@ def test_the_console_does_not_begin_with_a_mission_that_cannot_be_flown():
 
 
 def test_what_is_made_ready_is_reported_step_by_step(monkeypatch, tmp_path):
-    """First starts stood at one word for minutes: each step is told with its number and how long it takes so far."""
+    """First starts stood at one word for minutes: each step is shown with its number and how long it takes so far."""
     notes, steps = [], []
 
     def say(stage, note):

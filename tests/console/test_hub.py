@@ -25,7 +25,7 @@ from rovtwin.vehicle import load_vehicle
 
 
 class FakeClient:
-    """An engine that obeys all; `given` is what it was told, with when."""
+    """An engine that obeys all; `given` is what it was sent, with when."""
 
     def __init__(self, place, news):
         self.last, self.given, self.hung = {}, [], False

@@ -131,7 +131,7 @@ def test_the_bar_tells_of_every_sensor_of_a_kind(open_views):
 
 
 def test_the_bar_says_when_time_goes_slower_than_was_asked_for(open_views):
-    """A state of 0.2 s more every 40 ms is five times as fast, where four or twenty were wanted."""
+    """A state of 0.2 s more every 40 ms is five times as fast, where four or twenty were requested."""
     page = open_views()
     page.evaluate("() => { window.ours = 0; performance.now = () => ours; }")
 

@@ -1,4 +1,4 @@
-"""Tests flown from the console: what their operator is told, when thrusters may run, what is logged and read again."""
+"""Tests flown from the console: what their operator sees, when thrusters may run, what is logged and read again."""
 
 import itertools
 import json

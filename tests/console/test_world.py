@@ -15,7 +15,7 @@ DT = 0.02
 
 
 class SmallWorld(WorldLink):
-    """Without a vehicle: it tells its depth each period, and `u` is what its thrusters were told."""
+    """Without a vehicle: it tells its depth each period, and `u` is what its thrusters were sent."""
 
     def __init__(self, clock):
         self._clock_, self._silent, self._truth, self.u = clock, set(), np.zeros(10), []

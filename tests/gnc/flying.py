@@ -87,7 +87,7 @@ def feel(truth: Array, request, std=0.01) -> AutopilotInput:
 def fly(autopilot, model, start, requests, disturbance=None, offset=None):
     """Truth (n, 12) and outputs of the autopilot over one request per tick, shape (n,).
 
-    `disturbance` is a wrench on the vehicle, b (6,); `offset` is added to what the observer is told, shape (n, 12).
+    `disturbance` is a wrench on the vehicle, b (6,); `offset` is added to what the observer is given, shape (n, 12).
     """
     # Always arrays: one compilation for each length of flight.
     disturbance = jnp.zeros(6) if disturbance is None else jnp.asarray(disturbance, dtype=float)

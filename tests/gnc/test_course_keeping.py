@@ -1,4 +1,4 @@
-"""A vehicle without sway that is told the truth, in a current: it arrives, holds, comes home, says what it cannot."""
+"""A vehicle without sway that is given the truth, in a current: it arrives, holds, comes home, says what it cannot."""
 
 import dataclasses
 from functools import cache
@@ -45,7 +45,7 @@ WHOLE = round(240.0 / DT)  # ticks: one compilation serves all flights
 
 
 class Reported(Block):
-    """Believes what it is told: eta, nu and the disturbance, shape (18,)."""
+    """Believes what it is given: eta, nu and the disturbance, shape (18,)."""
 
     def init(self, key, start):
         return jnp.zeros(())

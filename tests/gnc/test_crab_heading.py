@@ -34,7 +34,7 @@ def feels(current, heading=0.0):
 
 @jax.jit
 def headings(currents, prefers=0.0):
-    """Heading at each tick, for currents (n, 2), of a vehicle that looks where it is told."""
+    """Heading at each tick, for currents (n, 2), of a vehicle that looks where it is asked to."""
 
     def tick(memory, current):
         given = BowInput(jnp.asarray(prefers, dtype=float), jnp.zeros(2), feels(current, memory.heading))
@@ -74,7 +74,7 @@ def test_times_are_the_vehicles():
 
 
 def holds(mode, command=np.zeros(4), seconds=60.0, model=MODEL):
-    """Headings that a contingency asks for, of a vehicle that looks where it is told and stays where it is."""
+    """Headings that a contingency asks for, of a vehicle that looks where it is asked to and stays where it is."""
     block = Contingency.of(model, bow=BOW)
     asked = PathGuidance.of(model).init(jax.random.key(0), START)
     given = _setpoint(asked)

@@ -49,7 +49,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def fleet(model):
-    """Runs that are what the filter is told: start, disturbance, noise of motion and of sensors."""
+    """Runs that are what the filter is given: start, disturbance, noise of motion and of sensors."""
     tuning = DECLARED
     rng = np.random.default_rng(11)
     n = round(SECONDS / DT)
@@ -257,7 +257,7 @@ def test_positions_may_come_late(model):
 
 
 def test_gyro_bias_is_allowed_for(model, turning, turning_slots):
-    """No state of its own, so the attitude is told to wander: else it would be off by many of its small sigmas."""
+    """No state of its own, so the attitude is assumed to wander: else it would be off by many of its small sigmas."""
     slots = silent(turning_slots, "dvl")
     slots["gyro"] = eqx.tree_at(lambda s: s.value, slots["gyro"], slots["gyro"].value + 6.8e-6)
     scores = []
@@ -418,7 +418,7 @@ def test_a_gated_compass_is_used_across_south(model):
 
 
 def test_rejections_of_one_of_two_positions_do_not_hang_on_the_other(model):
-    """One is 8 m off, the other right: only the first is rejected, and believed after as many as if it were alone."""
+    """One is 8 m off, the other right: only the first is rejected, and accepted after as many as if it were alone."""
     ekf = Ekf(model, EkfTuning.consistent({"position": 0.5, "position_2": 0.5}))
     there, command = jnp.array([True]), Command(jnp.zeros(model.thrusters.count))
     off, right = (Slot(jnp.array([[x, 0.0]]), there, jnp.zeros(1)) for x in (8.0, 0.0))

@@ -299,7 +299,7 @@ def at_a_wrong_start(filter, start):
 
 @pytest.mark.parametrize("sensor", ["attitude", "pressure"])
 def test_no_sensor_is_locked_out_for_good(model, sensor):
-    """A start that is 0.5 rad or 1 m off: what a sensor says in earnest for a third of a second is believed."""
+    """A start that is 0.5 rad or 1 m off: what a sensor says in earnest for a third of a second is accepted."""
     filter = NavigationFilter(model, Tuning.of(model, MOUNTS))
     start = Start.at((0.0, 0.0, 3.0 if sensor == "pressure" else 2.0), 0.5 if sensor == "attitude" else 0.0)
 

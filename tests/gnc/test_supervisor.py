@@ -60,7 +60,7 @@ EMPTY = {name: Slot.empty(1, size) for name, size in (("altimeter", 1), ("batter
 def at(std=0.01, **changes):
     eta = {"x": 1, "y": 2, "z": 3, "phi": 0.1, "theta": -0.1, "psi": 3.0} | changes
     made = estimate_of(list(eta.values()), std=std)
-    # A position is believed in every tick, as well as the filter says.
+    # A position is accepted in every tick, as well as the filter says.
     received = jnp.asarray([0.0, 0.0, 0.0, 2.0])
     return dataclasses.replace(made, nis=received, nis_dof=received)
 

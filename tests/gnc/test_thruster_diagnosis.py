@@ -1,4 +1,4 @@
-"""Thrusters that are lost are found, and only those; what cannot be told is not claimed."""
+"""Thrusters that are lost are found, and only those; what cannot be found is not claimed."""
 
 from itertools import combinations
 

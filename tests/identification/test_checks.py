@@ -179,7 +179,7 @@ def test_clean_records_raise_no_alarm(name, kind, seed):
 @pytest.mark.parametrize("kind", EXCITATIONS)
 @pytest.mark.parametrize("name", ["bluerov2", "bluerov2_heavy", "double_blueye"])
 def test_clean_records_of_few_sensors_raise_no_alarm(name, kind):
-    """Whatever is on board: with fewer signals less can be told, and nothing is called an error."""
+    """Whatever is on board: with fewer signals less can be found, and nothing is called an error."""
     subsets = [("gyro",), ("gyro", "attitude", "depth"), ("position", "attitude"), ("velocity", "gyro"), ("attitude",)]
     for seed in (21, 22):
         record = fly(name, kind, seed)

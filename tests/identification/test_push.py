@@ -1,4 +1,4 @@
-"""What pushes a vehicle and is in no model: it is told from noise of sensors, and from an exact model's nothing."""
+"""What pushes a vehicle and is in no model: it is separated from sensor noise; with an exact model it is nothing."""
 
 from copy import copy
 from dataclasses import replace

@@ -48,7 +48,7 @@ class Process:
         return [words for words in found if len(words) > 1 and words[1] == word] if word else found
 
     def reported(self, word: str) -> float | None:
-        """When a word was last told [s, monotonic]."""
+        """When a word was last reported [s, monotonic]."""
         found = self.lines(word)
         return float(found[-1][0]) if found else None
 

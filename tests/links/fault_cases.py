@@ -1,6 +1,6 @@
 """Faults on the wire while thrusters turn: what happens, how long until they rest. The table of docs/link_faults.md.
 
-A case either leaves control possible: then the vehicle still obeys, and rests when it is told to, all within the fault.
+A case either leaves control possible: then the vehicle still obeys, and rests when asked to, all within the fault.
 Or it makes control impossible: then the thrusters rest by themselves, and stay so. In both cases nothing crashes, and
 after the fault a new connection turns the thrusters again.
 """
@@ -29,7 +29,7 @@ class Outcome:
     """What a case gave.
 
     Attributes:
-        seconds: From the onset, or from being told to stop, until all thrusters are commanded zero [s].
+        seconds: From the onset, or from being asked to stop, until all thrusters are commanded zero [s].
         happened: In words.
     """
 
@@ -283,7 +283,7 @@ def physics_killed(made: Bench, pilot: Process) -> Outcome:
 
 
 def _deaf(pilot: Process, onset: float) -> float | None:
-    """When a pilot that says nothing of it has not heard anything for a second [s, monotonic]."""
+    """When a pilot that says nothing of it has not received anything for a second [s, monotonic]."""
     received = [float(line[0]) for line in pilot.lines("heard") if int(line[2])]
     last = max(received, default=onset)
     return last + 1.0 if time.monotonic() > last + 1.0 else None
@@ -353,7 +353,7 @@ def synchronised(made: Bench, pilot: Process) -> Outcome:
 
 
 def another(kind: str, where: str, says: str, *orders: str) -> Callable[[Bench, Process], Outcome]:
-    """Another client comes, and does what it is told; thrusters rest from the moment that it acts."""
+    """Another client comes, and does what it is given; thrusters rest from the moment that it acts."""
 
     def run(made: Bench, pilot: Process) -> Outcome:
         other = made.client(kind, where)

@@ -62,7 +62,7 @@ RAISED = re.compile(r"^(?:[\w.]+\.)?\w+(?:Error|Exception)\b.*", re.MULTILINE)
 OWN_FAULTS = ("TypeError", "AttributeError", "ModuleNotFoundError", "ImportError", "PermissionError")
 COMPLAINS, SERVERS = re.compile(r"^ERROR:mavsdk_server:(.*?)(?: \([\w.]+:\d+\))?$", re.MULTILINE), "MAVSDK: {}"
 LOGGED = re.compile(r"(?:ERROR|WARNING|INFO|DEBUG):mavsdk_server:")
-MOST_REASONS = 3  # that are told of one example
+MOST_REASONS = 3  # that are reported of one example
 AFTERWARDS = ("Arming", "Disarming", "MYGCS", "Lost manual")  # what it says whoever steers
 STATUS_TEXT = re.compile(r"mavlink: (?!tcp|udp|\d)(.*)")  # what the vehicle tells its clients, not who comes and goes
 

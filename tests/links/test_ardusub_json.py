@@ -37,7 +37,7 @@ def state(t: float, depth: float = 0.0) -> State:
 
 
 class Physics:
-    """A body that sinks by the sum of its vertical outputs, and remembers what it was told."""
+    """A body that sinks by the sum of its vertical outputs, and remembers what it was sent."""
 
     def __init__(self):
         self.t, self.depth, self.seen, self.resets = 0.0, 0.0, [], 0

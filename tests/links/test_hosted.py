@@ -82,7 +82,7 @@ def test_a_terminal_that_is_closed_reaches_all_and_leaves_no_thrust(tmp_path, nu
 
 
 def test_a_host_that_hangs_holds_nobody_up(tmp_path):
-    """Commands are not heard then, but sending, stopping and closing return, and closing kills it."""
+    """Commands are not received then, but sending, stopping and closing return, and closing kills it."""
     link = HostedLink(Opener(tmp_path / "told"), 3)
     os.kill(link.pid, signal.SIGSTOP)
     began = time.monotonic()
@@ -197,7 +197,7 @@ def test_age_grows_while_the_host_is_silent(tmp_path):
         assert link.age >= before + 0.09
 
 
-STOP_WITHIN = 0.1  # from the click at the server until the thrusters are told zero [s]
+STOP_WITHIN = 0.1  # from the click at the server until the thrusters are sent zero [s]
 
 
 def press_stop(folder, patience=2.0):
@@ -213,7 +213,7 @@ def press_stop(folder, patience=2.0):
 
 
 def test_stop_leads_past_an_autopilot_that_hangs(tmp_path):
-    """Its process is stopped in mid-flight; the vehicle's host is told directly, and answers when thrusters are off."""
+    """Its process is stopped in mid-flight; the vehicle's host is asked itself, and answers when thrusters are off."""
     reported = tmp_path / "told"
     process = flying(tmp_path)
     try:
@@ -260,7 +260,7 @@ class Armable(Opener):
 
 
 def fly_on(link, over=None):
-    """Send thrust until something is so, or for a while, as an autopilot does that has not heard of a stop."""
+    """Send thrust until something is so, or for a while, as an autopilot does that has not received a stop."""
     until = time.monotonic() + (0.1 if over is None else 5.0)
     while time.monotonic() < until and not (over and over()):
         link.send(Command(np.full(3, 0.5)))

@@ -41,7 +41,7 @@ def flying():
     server = endpoint()
     with serving(server) as served:
         assert soon(lambda: bool(served.messages))
-        # SYSID_MYGCS is 255: as MAVSDK's own 245 it would be heard, but not steer.
+        # SYSID_MYGCS is 255: as MAVSDK's own 245 it would be received, but not steer.
         kit = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(255, 190, True))
         kit.add_any_connection(f"udpin://{server.ground_station}")
         system = kit.first_autopilot(5.0)

@@ -21,11 +21,11 @@ SECONDS = 10.0  # simulated
 
 @pytest.fixture(scope="module")
 def messages():
-    """All that is told in ten simulated seconds to a ground station that asks as the recorded one did."""
+    """All that is reported in ten simulated seconds to a ground station that asks as the recorded one did."""
     with station(speed=10.0, how="tcp") as (served, client):
         for stream, rate in REAL["asked"].items():
             client.mav.request_data_stream_send(1, 1, int(stream), rate, 1)
-        assert client.command(512, 148) == 0  # all of that has been heard
+        assert client.command(512, 148) == 0  # all of that has been received
         while client.connection.recv_msg() is not None:
             pass
         found = []

@@ -225,7 +225,7 @@ def test_measurement_under_control(rig):
 
 @pytest.mark.parametrize("leaves", [lambda c: c.disconnect(), lambda c: c.release_control()])
 def test_one_client_in_control_and_frames_when_it_leaves(rig, leaves):
-    """Another is told who rules; a measurement that was closed goes on when the one who closed it rules no more."""
+    """Another is informed who rules; a measurement that was closed goes on when the one who closed it rules no more."""
     served, port = rig
 
     async def watch(other):

@@ -237,7 +237,7 @@ def test_half_a_request_waits_for_nobody(rig, monkeypatch):
 
 
 def test_many_connections(rig):
-    """More than are served: those that idle take the places, until they are told to leave."""
+    """More than are served: those that idle take the places, until they are asked to leave."""
     served, client, port = rig
     check(client.get("/about"), ABOUT)
     others = [connect(port) for _ in range(60)]

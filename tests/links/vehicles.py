@@ -1,4 +1,4 @@
-"""Vehicles for tests of links, to be opened in other processes: what their thrusters do is told to a file."""
+"""Vehicles for tests of links, to be opened in other processes: what their thrusters do is reported to a file."""
 
 import multiprocessing
 import threading
@@ -72,7 +72,7 @@ class Opener:
 
 
 def last_sent(path: Path) -> tuple[float, np.ndarray]:
-    """When the thrusters were last told something [s, monotonic], and what: NaN before the first whole line."""
+    """When the thrusters were last sent something [s, monotonic], and what: NaN before the first whole line."""
     lines = path.read_text().split("\n")[:-1] if path.exists() else []
     words = [float(word) for word in lines[-1].split()] if lines else [np.nan, np.nan]
     return words[0], np.array(words[1:])

@@ -24,7 +24,7 @@ class Fault:
         loss, twice, cut, garbage: Shares that vanish, come twice, lose their end, become random bytes.
         held, hold: Share that is held back, so that later ones overtake it, and for how long [s].
         copies: How often each comes.
-        hole: Nothing passes, and nobody is told: connections stay open.
+        hole: Nothing passes, and nobody is informed: connections stay open.
     """
 
     delay: float = 0.0

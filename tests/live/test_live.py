@@ -29,11 +29,11 @@ from rovtwin.scenario.files import load_scenario
 
 SPEED = 10.0
 COMPOSED: list = []  # scenarios that were asked for
-IN_PIECES: list[tuple] = []  # what was told of a tick that could not be compiled in one piece
+IN_PIECES: list[tuple] = []  # what was reported of a tick that could not be compiled in one piece
 
 
 class Fake(Link):
-    """A vehicle that says what it is given to say, and keeps what it was told."""
+    """A vehicle that says what it is given to say, and keeps what it was sent."""
 
     def __init__(self, *readings: Measurement):
         self.to_say = list(readings)

@@ -1,4 +1,4 @@
-"""Tests flown over a link: what the operator is told, what is logged, what identification makes of it."""
+"""Tests flown over a link: what the operator sees, what is logged, what identification makes of it."""
 
 import json
 
@@ -57,7 +57,7 @@ def short(manoeuvres=MANOEUVRES, **more):
 
 
 class Still(Link):
-    """A vehicle that does not move: it says the same again each period, and keeps what it is told."""
+    """A vehicle that does not move: it says the same again each period, and keeps what it is given."""
 
     def __init__(self, clock, without=""):
         self._values = {name: np.array(value) for name, value in ALL.items() if name != without}
@@ -113,7 +113,7 @@ def once(parts):
 
 @pytest.fixture(scope="module")
 def flight(scenario, tmp_path_factory):
-    """The test with a vehicle behind a link, and what was told."""
+    """The test with a vehicle behind a link, and what was reported."""
     clock, reported = Clock(SPEED), []
     vehicle, folder = Still(clock), tmp_path_factory.mktemp("live") / "run"
     flown = fly_live(scenario, vehicle, [], clock, folder, arm=lambda ready: True, tell=reported.append)
@@ -236,7 +236,7 @@ def test_without_thrust_all_is_computed_and_no_identification_takes_it(tmp_path,
 
 
 def listened_to(scenario, without="", patience=2.0):
-    """What is heard of a vehicle without one of its sensors."""
+    """What is received of a vehicle without one of its sensors."""
     clock = Clock(SPEED)
     needed = live.needed_by(scenario)
     return listen(SensorMux(Still(clock, without), []), ["position"], patience=patience, speed=SPEED, needed=needed)
@@ -274,7 +274,7 @@ def test_a_test_needs_what_it_reads(scenario, silent):
 
 
 def test_without_positions_no_thruster_looks_for_home(parts):
-    """On the way home positions cease for 5 s: the vehicle does not follow what it last believed of its speed."""
+    """On the way home positions cease for 5 s: the vehicle does not follow what it last accepted of its speed."""
     autopilot, memory = parts
     autopilot.restart(memory)
 

@@ -191,7 +191,7 @@ def test_a_planned_survey_is_flown_in_the_planned_time_and_sees_the_area(tmp_pat
 
 
 def test_lines_are_those_of_the_imager(pool, tmp_path):
-    """An imager 0.2 m to starboard: way-points lie 0.2 m to port of its lines, and the user is told."""
+    """An imager 0.2 m to starboard: way-points lie 0.2 m to port of its lines, and the user is informed."""
     mine = tmp_path / "mine.yaml"
     mine.write_text(
         "name: mine\nrestoring: {buoyancy: neutral}\nparts:\n- {name: rov, part: double_blueye}\n"

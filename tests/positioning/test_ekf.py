@@ -161,7 +161,7 @@ def test_an_update_that_lost_its_way_is_rejected():
     """An innovation whose covariance is not positive, as rounding made it on a film, is negative: it passes any gate.
 
     There derivatives next to the camera did it, 1.4 m in one update; here a covariance of east and yaw that are more
-    than fully correlated. Where it is positive the same sighting is believed.
+    than fully correlated. Where it is positive the same sighting is accepted.
     """
     layout = wall([(0.0, 0.75)])
     block = MarkerEkf.of([EYE], SlamTuning.of(start_position=0.003), layout, capacity=1)

@@ -1,4 +1,4 @@
-"""Missions with an Underwater GPS that errs like the real one, and what the filter is told of it."""
+"""Missions with an Underwater GPS that errs like the real one, and what the filter is given of it."""
 
 import json
 

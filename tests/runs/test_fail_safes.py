@@ -114,7 +114,7 @@ def test_a_pilot_moves_the_set_point():
     psi = run.log["autopilot/setpoint"]["psi"][-20:]
     assert np.allclose(np.diff(psi) * 10.0, np.radians(6.0), atol=1e-6)  # logged at 10 Hz
     gone = flight(faults={"operator_silent": 2.0}, requests=sticks, duration=4).log["autopilot/setpoint"]
-    late = gone.t > 2.7  # the wish of a pilot who is not heard lives for half a second
+    late = gone.t > 2.7  # the command of a silent pilot lives for half a second
     assert np.ptp(gone["psi"][late]) < 1e-9 and np.ptp(gone["psi"][~late]) > 0.1
 
 

@@ -225,7 +225,7 @@ def test_an_autopilot_that_keeps_its_heading_is_not_reported_to_give_it_up(flown
 
 
 def test_a_heading_that_staying_level_forbids_is_reported_with_what_thrust_would_give():
-    """It was called a top speed, and a flight with model_based was told to fly with model_based."""
+    """It was called a top speed, and a flight with model_based was reported to fly with model_based."""
     there = "mission.waypoints=[{position: [3, 0, 3], heading_deg: 0, hold_time: 30, acceptance: 0.2}]"
     for current, bow in (("[0, 0.34, 0]", 270), ("[0, -0.34, 0]", 90)):
         refused, _ = lines(DISC, f"world.current={current}", there)

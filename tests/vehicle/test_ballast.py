@@ -1,4 +1,4 @@
-"""Ballast: what is written floats as wished, with the least mass; what cannot be is said with what can."""
+"""Ballast: what is written floats as requested, with the least mass; what cannot be is said with what can."""
 
 import itertools
 from dataclasses import replace
@@ -35,7 +35,7 @@ def written(folder: Path, **keys) -> Path:
 
 
 def require(path: Path, density: float | None, net=None, level=False, bg=None) -> None:
-    """The file, loaded again, is as wished: to 1e-6 N and 1e-6 m."""
+    """The file, loaded again, is as requested: to 1e-6 N and 1e-6 m."""
     rest = hang(load_vehicle(path).model(water_density=density))
     if net is not None:
         assert rest.net_buoyancy == pytest.approx(net, abs=1e-6)

@@ -64,7 +64,7 @@ def test_command_for_force_undoes_static_force(thrusters, u):
 
 @given(kinds, st.lists(st.floats(-2.0, 2.0), min_size=N, max_size=N))
 def test_command_for_a_desired_force(thrusters, share):
-    """Within the limits the wanted force comes out, beyond them the limit; the limits differ ahead and astern."""
+    """Within the limits the desired force comes out, beyond them the limit; the limits differ ahead and astern."""
     low, high = map(np.asarray, force_limits(thrusters))
     np.testing.assert_allclose(high, thrusters.force_ahead)
     np.testing.assert_allclose(low, -thrusters.force_astern)

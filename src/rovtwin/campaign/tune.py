@@ -35,7 +35,7 @@ def tune(request: TuningRequest, progress: Progress = lambda *_: None) -> Tuned:
     """Search, choose, judge.
 
     Args:
-        request: What is wanted.
+        request: What is requested.
         progress: Told what is going on.
 
     Returns:

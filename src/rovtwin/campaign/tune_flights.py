@@ -41,7 +41,7 @@ CALM = {"model": "thesis", "significant_height": 1e-6, "zero_crossing_period": 8
 USUAL_SEAS = ("calm", "waves")
 LONGEST = 300.0  # of a held-out flight [s]
 LANES = 10  # flights under vmap: half the time of one by one, and a generation has so many of each plant
-TIMED = 4.0 * CHUNK  # simulated, by which the pace of flights is told before they are flown [s]
+TIMED = 4.0 * CHUNK  # simulated, by which the pace of flights is known before they are flown [s]
 SHOWN = 4  # failed flights in a message
 Figures = dict[str, Any]
 

@@ -1,4 +1,4 @@
-"""What is wanted of a tuning, and what came out of it."""
+"""What is requested of a tuning, and what came out of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,6 +1,6 @@
 """Who flies: this process, worker processes on this machine, or dask workers elsewhere.
 
-Each gives the rows of portions of samples as they come, until told to stop.
+Each gives the rows of portions of samples as they come, until asked to stop.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ from rovtwin.campaign.packages import require
 from rovtwin.core.errors import ConfigError, RovtwinError
 
 Stopped = Callable[[], bool]
-PATIENCE = 0.3  # how long a wish to stop may go unheard [s]
+PATIENCE = 0.3  # how long a request to stop may go unnoticed [s]
 CONNECT = "10s"  # within which a scheduler has to answer
 AHEAD = 3  # portions handed over for each core, so that none waits
 

@@ -31,7 +31,7 @@ from rovtwin.vehicle import Vehicle
 NICE = 15
 ENDING = 1.0  # a process that does not end by itself in this time is killed [s]
 JUDGED = 10.0  # a shorter record raises false alarms [s]
-INFORMED = 0.9  # of the prior's width, from which a parameter counts as told by the test
+INFORMED = 0.9  # of the prior's width, from which a parameter counts as informed by the test
 # What a test that goes on may still have in store.
 NOT_YET = ("no_excitation", "unexcited")
 

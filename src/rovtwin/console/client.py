@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 PATIENCE = 2.5  # for an answer [s]
 CONFIRMED = 0.5  # longest wait until the link's host says that thrusters are off [s]
-HUNG = 1.0  # an engine that was not heard for so long hangs, or is gone [s]
+HUNG = 1.0  # an engine that was silent for so long hangs, or is gone [s]
 
 News = Callable[[str, bytes], None]  # kind and text of a message
 
@@ -41,7 +41,7 @@ class Client:
         self._ear.setsockopt(zmq.RCVHWM, 40)
         self._ear.setsockopt(zmq.SUBSCRIBE, b"")
         self._ear.connect(place.news)
-        # What is not heard at once is not said: an order must not reach an engine that starts later.
+        # What is not received at once is dropped: an order must not reach an engine that starts later.
         self._mouth.setsockopt(zmq.IMMEDIATE, 1)
         self._mouth.setsockopt(zmq.LINGER, 0)
         self._mouth.connect(place.orders)
@@ -67,7 +67,7 @@ class Client:
 
     @property
     def hung(self) -> bool:
-        """Whether the engine has not been heard for a while."""
+        """Whether the engine has been silent for a while."""
         return time.monotonic() - self.received_at > HUNG
 
     async def stop(self) -> bool:

@@ -63,7 +63,7 @@ class Rights:
             self.asked = None
 
     def message(self, name: str) -> dict[str, Any]:
-        """What a browser is told."""
+        """The message for a browser."""
         return {
             "kind": "rights",
             "you": name,

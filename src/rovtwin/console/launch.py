@@ -78,7 +78,7 @@ def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed
     file.write_text(dump_scenario(scenario), encoding="utf-8")
     output = place.folder / "engine.log"
     arguments = ["--place", place.folder, "--scenario", file, "--link", link, "--speed", str(speed)]
-    arguments += ["--runs", runs.resolve()]  # told to web servers that may be started elsewhere
+    arguments += ["--runs", runs.resolve()]  # passed on to web servers that may be started elsewhere
     for sensor in sensors:
         arguments += ["--sensor", sensor]
     with output.open("wb") as log:

@@ -13,7 +13,7 @@ from rovtwin.core.flow import PHASES
 from rovtwin.runs.scoring.decisions import courses, losses
 
 OWN = ("idle", "dive", "turn", "go", "hold", "finished")  # phases of the mission's own course
-MOST = 400  # that are told
+MOST = 400  # that are reported
 
 
 def marks_of(recording: Recording) -> list[dict[str, Any]]:

@@ -94,7 +94,7 @@ def pack(readings: list[Measurement], empty: Measurements) -> Measurements:
 
 
 class Estimate(eqx.Module):
-    """What the observer believes.
+    """The observer's estimate.
 
     Attributes:
         eta: Pose, shape (6,) [m, rad].
@@ -185,7 +185,7 @@ class Progress(eqx.Module):
             Heading given up: the place is kept, but not with the heading that was asked for.
         misses: How often the way-point was passed so, int.
         possible: Speed over ground along the path that thrusters can keep up [m/s]; negative: swept back.
-        current: That would disturb the vehicle as much as what the filter believes, n [m/s], shape (2,).
+        current: That would disturb the vehicle as much as what the filter estimates, n [m/s], shape (2,).
     """
 
     state: Array
@@ -237,7 +237,7 @@ class Reference(eqx.Module):
 
 
 class Wrench(eqx.Module):
-    """tau wanted by a controller, shape (6,) [N, N m], b at CO; `saturated`, shape (6,), where a limit cut it."""
+    """tau requested by a controller, shape (6,) [N, N m], b at CO; `saturated`, shape (6,), where a limit cut it."""
 
     tau: Array
     saturated: Array
@@ -304,7 +304,7 @@ class Host(eqx.Module):
     """What the computer that runs the autopilot knows of itself and of its lines.
 
     Attributes:
-        link_age: Since the vehicle was last heard [s].
+        link_age: Since anything came from the vehicle [s].
         operator_age: Since the operator last gave a sign of life [s].
         lateness: By how much the last tick was late, in control periods.
     """

@@ -15,7 +15,7 @@ class Source(abc.ABC):
     that it cannot be used any more. Times of readings are those of the clock that the source was given [s].
 
     Attributes:
-        provides: Sensors that an autopilot takes from here and from nowhere else, whether it is heard or not.
+        provides: Sensors that an autopilot takes from here and from nowhere else, whether it is received or not.
     """
 
     provides: frozenset[str] = frozenset()
@@ -53,7 +53,7 @@ class Link(Source):
     @property
     @abc.abstractmethod
     def age(self) -> float:
-        """Since the vehicle was last heard [s], real time; of several lines that of the quietest. 0 of a twin."""
+        """Since anything came from the vehicle [s], real time; of several lines that of the quietest. 0 of a twin."""
 
     @abc.abstractmethod
     def send(self, command: Command) -> None:

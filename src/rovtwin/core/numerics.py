@@ -85,7 +85,7 @@ def in_one_piece(function: Callable[..., Any]) -> Callable[..., Any]:
     it compiles them into one piece, as it does with the bodies of loops: the autopilot's tick takes half as long.
 
     XLA cannot do that with all operations: not with products of larger matrices, scatters by indices, sorting or
-    LAPACK. A function that has one is compiled as it is, which is told at level DEBUG; XLA then writes a line of its
+    LAPACK. A function that has one is compiled as it is, which is logged at level DEBUG; XLA then writes a line of its
     own to standard error, so that a function for users should have none of them.
     """
     compiled = jax.jit(function)

@@ -70,7 +70,7 @@ class Autopilot(Block):
         observer, supervisor, guidance, contingency, reference, control, allocation: Blocks, in the order of the data.
         mission: Way-points.
         health: Share of its force that each thruster has from the start, shape (n_thrusters,).
-        monitor: Finds thrusters that are lost on the way; None believes in them.
+        monitor: Finds thrusters that are lost on the way; without one all count as sound.
         ability: What can be done without them; None with `monitor`.
         terrain: Turns altitudes of way-points into depths; None where there are none.
         course: Makes of a set-point one that can be followed without sway; None for a vehicle that crabs.

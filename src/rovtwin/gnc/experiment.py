@@ -2,7 +2,7 @@
 
 It reads sensors directly, as the thesis's scripts did (3.4.3): depth and heading are held by PIDs, the excited axes are
 told shares a of the full command in [-1, 1]. What pulls depends on the vehicle's geometry alone, because the thrust
-curve is among what the test should find; only the gains of holding are placed from the vehicle as it is believed to be.
+curve is among what the test should find; only the gains of holding are placed from the vehicle as it is assumed to be.
 """
 
 import equinox as eqx
@@ -48,7 +48,7 @@ LEVEL = np.array([True, True, False])  # what a position tells
 class RawEstimate(eqx.Module):
     """What the readings say: position and its rate in n, shapes (3,), Euler angles and body rates, shapes (3,).
 
-    `quiet` is the time since a position was heard [s].
+    `quiet` is the time since a position was received [s].
     """
 
     position: Array
@@ -138,7 +138,7 @@ class Experiment(Block):
         supervisor: Depth and attitude limits.
         gains: Of what is held.
         mounts: Sensors that do not sit at CO along the axes of b, by name.
-        smoothing: Share of a position's surprise that is believed.
+        smoothing: Share of a position's surprise that is accepted.
         tracking: Rate at which its speed is corrected [1/s].
     """
 
@@ -232,7 +232,7 @@ class Experiment(Block):
         surprise = seen - ahead
         quiet = jnp.where(jnp.any(measurements["position"].valid), 0.0, before.quiet + dt)
         return RawEstimate(
-            # The first position after a silence is believed as it is: what was expected is worth nothing.
+            # The first position after a silence is accepted as it is: what was expected is worth nothing.
             ahead + jnp.where(before.lost, 1.0, self.smoothing) * surprise,
             jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, before.velocity + self.tracking * surprise),
             newest("attitude", before.euler),

@@ -37,7 +37,7 @@ class ObserverInput(eqx.Module):
 
 
 class GuidanceInput(eqx.Module):
-    """Where the vehicle is believed to be, where it should go, and whether it may."""
+    """Where the vehicle is assumed to be, where it should go, and whether it may."""
 
     estimate: Estimate
     mission: Mission
@@ -48,7 +48,7 @@ class ControlInput(eqx.Module):
     """What a controller takes.
 
     Attributes:
-        estimate: Where the vehicle is believed to be.
+        estimate: Where the vehicle is assumed to be.
         reference: Where it should be.
         shortfall: Wrench asked for less wrench allocated in the last tick, shape (6,): what limits took away.
         axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).

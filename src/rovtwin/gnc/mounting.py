@@ -32,7 +32,7 @@ class Mount(eqx.Module):
 
 
 def at_co(measurements: Measurements, mounts: dict[str, Mount], euler: Array, omega: Array) -> Measurements:
-    """Readings as sensors at CO along the axes of b would give them, with an attitude and turn rate that are believed.
+    """Readings as sensors at CO along the axes of b would give them, with an estimated attitude and turn rate.
 
     Only turned is specific force: what its lever adds takes the angular acceleration, which readings do not tell.
 

@@ -17,17 +17,17 @@ class ClockMap:
     shortest way. A window forgets, so that clocks may run at slightly different rates (100 ppm over 30 s is 3 ms).
 
     A clock that jumps (set by NTP, a device that restarts) shows as offsets that all differ by more than `jump`; once
-    they have done so for `confirm` seconds, they are believed. One wrong stamp changes nothing, and neither does a
-    stall of the network, after which all that was held back comes at once. Until a jump is believed, no time is later
+    they have done so for `confirm` seconds, they are accepted. One wrong stamp changes nothing, and neither does a
+    stall of the network, after which all that was held back comes at once. Until a jump is accepted, no time is later
     than the arrival. Times never go back while our own clock does not.
 
     Args:
         window: How long an offset counts at most [s]; memory does not grow with it.
         jump: Differences beyond it are no variation of the way [s].
-        confirm: How long a jump must last before it is believed [s of our clock].
+        confirm: How long a jump must last before it is accepted [s of our clock].
 
     Attributes:
-        jumps: How often a jump was believed.
+        jumps: How often a jump was accepted.
     """
 
     def __init__(self, window: float = 30.0, jump: float = 0.25, confirm: float = 1.0):
@@ -90,7 +90,7 @@ class ClockMap:
             self._doubt(offset, arrival)
 
     def _doubt(self, offset: float, arrival: float) -> None:
-        """An offset that does not fit: believed when enough of them agree for long enough.
+        """An offset that does not fit: accepted when enough of them agree for long enough.
 
         Where they never agree, the clocks run at different speeds: then the newest counts after three times as long.
         """

@@ -131,7 +131,7 @@ class Endpoint:
         firmware: Gives the physics of a firmware that keeps the time, which is served alone. None: there is none.
         note: One line on which frame and rights an address assumes, "" for none.
         is_simulated: Whether what is there is certainly no real vehicle.
-        at_origin: Sensors whose readings are told at CO, wherever the vehicle carries them.
+        at_origin: Sensors whose readings are reported at CO, wherever the vehicle carries them.
         camera: Address of the stream of its camera, None: not known.
         reached: Address at which a server is reached by a link or a source.
         environment: What has to stand before a command that reaches the server so, "" for nothing.

@@ -92,7 +92,7 @@ class _Host:
         self._received: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
         self._answers: SimpleQueue[str] = SimpleQueue()
         self._busy = False
-        self._stopped_at = -np.inf  # when it was last told to stop; arming that was asked for before counts no more
+        self._stopped_at = -np.inf  # when it was last asked to stop; arming that was asked for before counts no more
         self._armed_for = -np.inf  # when arming was asked for that it last began
 
     def mind(self) -> None:
@@ -135,7 +135,7 @@ class _Host:
         return newest
 
     def _arm(self, asked_at: float) -> None:
-        """Arm the link, unless it was told to stop since that was asked for; why it refused, or nothing, is said."""
+        """Arm the link, unless it was asked to stop since that was asked for; why it refused, or nothing, is said."""
         if asked_at < self._stopped_at:
             self._answers.put("it was stopped since arming was asked for")
             return
@@ -148,7 +148,7 @@ class _Host:
 
     @property
     def _halted(self) -> bool:
-        """Whether it was told to stop and has not been armed since: then zeros go to the link, even if that broke."""
+        """Whether it was asked to stop and has not been armed since: then zeros go to the link, even if that broke."""
         return self._stopped_at > self._armed_for
 
     def _obey(self, newest: tuple[float, np.ndarray] | None) -> None:
@@ -191,7 +191,7 @@ def _listen_for_stop(path: Path, stop: Callable[[], None]) -> None:
                     stop()
                     if sender:
                         ear.sendto(text, socket.MSG_DONTWAIT, sender)
-                except Exception as error:  # a driver's, or a sender is gone: the next STOP must be heard all the same
+                except Exception as error:  # a driver's, or a sender is gone: the next STOP must arrive all the same
                     logger.warning("STOP: %s: %s", type(error).__name__, error)
 
     threading.Thread(target=listen, daemon=True, name="stop").start()

@@ -26,8 +26,8 @@ class HostedLink(Link):
     """A link that runs elsewhere, behind a pipe.
 
     Attributes:
-        age: Since anything was last heard of the vehicle [s]; that of the quieter drone of two.
-        stopped_at: When the host was last told to stop, by whomever [s, monotonic]; -inf if never.
+        age: Since anything came from the vehicle [s]; that of the quieter drone of two.
+        stopped_at: When the host was last asked to stop, by whomever [s, monotonic]; -inf if never.
     """
 
     def __init__(self, opener: Opener, thrusters: int, stop_at: Path | None = None, patience: float = CONNECTING):
@@ -81,7 +81,7 @@ class HostedLink(Link):
 
     @property
     def stopped(self) -> bool:
-        """Whether it was told to stop from here, and has not been armed since."""
+        """Whether it was asked to stop from here, and has not been armed since."""
         return self._stopped
 
     @property

@@ -31,7 +31,7 @@ class KeptLink(Link):
 
     @property
     def command(self) -> np.ndarray:
-        """What thrusters are told now, shape (n,)."""
+        """What thrusters are sent now, shape (n,)."""
         live = not self._stopped and self._now() - self._sent <= COMMAND_LIFE + ROUNDING
         return self._u if live else self._off
 

@@ -34,7 +34,7 @@ def loopback_only(addresses: Sequence[str], exposed: bool) -> list[str]:
     """Those of the addresses that others than this machine reach; there must be none unless `exposed`.
 
     Raises:
-        ConfigError: There are, and nobody said that this is wanted.
+        ConfigError: There are, and nobody asked for that.
     """
     for address in addresses:
         if not _is_address(address):

@@ -42,7 +42,7 @@ def changed(monitor: FlightMonitor | None, unwatched: str = "") -> dict[str, Any
 
     Args:
         monitor: Of the flight, None: there was none.
-        unwatched: Why there was none, or why it was given up; "" where nobody wanted one, or nothing failed.
+        unwatched: Why there was none, or why it was given up; "" where nobody asked for one, or nothing failed.
     """
     if unwatched:
         return {"changed": [], "monitor": f"{'did not run' if monitor is None else 'stopped'}: {unwatched}"}

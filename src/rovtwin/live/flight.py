@@ -205,7 +205,7 @@ class _LiveLoop:
     ) -> str:
         """Fly to the end of mission or test, the duration, Ctrl-C or a lost link; why it ended, "" for its own end.
 
-        `began_at` is told the UTC of time zero.
+        `began_at` gets the UTC of time zero.
         """
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""

@@ -1,4 +1,4 @@
-"""What the operator of a test, who alone can tilt a vehicle, is told: the plan before arming, each step as it comes.
+"""What the operator of a test, who alone can tilt a vehicle, gets: the plan before arming, each step as it comes.
 
 Nothing here moves anything: it is the test's own time-line, in words.
 """
@@ -11,9 +11,9 @@ from typing import Any
 from rovtwin.runs.compose.experiment import Piece, pieces_of, spans_of
 from rovtwin.scenario.schema import Scenario
 
-NOTICE = 5.0  # a hand is told that its turn comes so long before [s]
+NOTICE = 5.0  # a hand is warned that its turn comes so long before [s]
 COUNTED = (3, 2, 1)  # before it lets go [s]
-REACTION = 0.5  # told to let go, a hand has gone after this [s]: identification leaves out what it still did
+REACTION = 0.5  # asked to let go, a hand has gone after this [s]: identification leaves out what it still did
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def plan(scenario: Scenario) -> list[tuple[float, str]]:
 
 
 def touched_spans(scenario: Scenario) -> list[dict[str, Any]]:
-    """`spans_of` as a person flies it: a hand lets go REACTION after it is told."""
+    """`spans_of` as a person flies it: a hand lets go REACTION after it is asked to."""
     spans = spans_of(scenario)
     for hand, release in zip(spans, spans[1:], strict=False):
         if hand["hand"]:

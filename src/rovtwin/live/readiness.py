@@ -29,12 +29,12 @@ PATIENCE = 20.0  # longest wait for all sensors [s]
 
 @dataclass(frozen=True)
 class Readiness:
-    """What was heard before arming.
+    """What was received before arming.
 
     Attributes:
         start: Pose of the vehicle at rest.
         rates: Readings a second of each sensor [Hz].
-        missing: Sensors that the scenario has and nobody heard; the flight does without.
+        missing: Sensors of the scenario without readings; the flight does without.
     """
 
     start: Start
@@ -95,7 +95,7 @@ def listen(
         position_noise: Standard deviation of one position, each axis [m].
 
     Raises:
-        LinkTimeout: One of `needed` is not heard.
+        LinkTimeout: One of `needed` is not received.
     """
     received: dict[str, list[np.ndarray]] = {}
     mux.drain()
@@ -132,7 +132,7 @@ def _missing(waiting: Mapping[str, str], received: list[str], patience: float) -
 
 
 def _start(received: dict[str, list[np.ndarray]], rotation: Array | None, position_noise: float) -> Start:
-    """Mean position and depth of what was heard, and the last attitude, at rest; n begins here where nobody knows."""
+    """Mean of the received positions and depths, and the last attitude, at rest; n begins here where nobody knows."""
     places = received.get("position", [])[-20:]
     north, east = np.mean(places or [np.zeros(2)], axis=0)
     std = position_noise / np.sqrt(len(places)) if places else 0.0

@@ -37,7 +37,7 @@ def record(
     """Write what link and sources measure until Ctrl-C or for `duration` [s]; the number of readings by sensor.
 
     There is a channel for each kind of sensor, and for each further one of a kind that is on board. A reading of
-    another is left out, and `warn` is told so once.
+    another is left out, and `warn` gets a line about it once.
 
     Raises:
         ConfigError: The scenario's sensors do not fit its vehicle.

@@ -57,7 +57,7 @@ class Factors:
         """Factors of a vehicle.
 
         Args:
-            model: The vehicle as it is believed to be.
+            model: The vehicle as it is assumed to be.
             thrusters: Their names.
             length: Of the vehicle [m].
         """

@@ -76,7 +76,7 @@ class Levers(eqx.Module):
 
 
 class Noise(eqx.Module):
-    """What the filter believes of the motion.
+    """The filter's estimate of the motion.
 
     Attributes:
         initial: Standard deviation of the error at the start, shape (23,).

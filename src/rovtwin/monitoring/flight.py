@@ -57,7 +57,7 @@ class FlightMonitor:
     """
 
     def __init__(self, model: Model, thrusters: Sequence[str], mounts: Mapping[str, Mount], dt: float):
-        """For a vehicle as it is believed to be.
+        """For a vehicle as it is assumed to be.
 
         Args:
             model: The vehicle.
@@ -128,7 +128,7 @@ class FlightMonitor:
         return Found(readings, beyond, self._monitor.doubts, self._monitor.time)
 
     def _next(self, now: float) -> list[Record]:
-        """Seconds of which all has come; the first one is that in which everything on board has been heard."""
+        """Seconds of which all has come; the first one is that in which everything on board has been received."""
         if self._second is None:
             if silent := [name for name in NEEDED if not len(self._signals[name].t)]:
                 if now > PATIENCE:

@@ -44,7 +44,7 @@ class Monitor:
     """
 
     def __init__(self, model: Model, thrusters: Sequence[str], levers: Levers, fading: float = np.inf):
-        """For a vehicle as it is believed to be.
+        """For a vehicle as it is assumed to be.
 
         Args:
             model: The vehicle.
@@ -185,7 +185,7 @@ def watched(
     """A monitor after a whole record.
 
     Args:
-        model: The vehicle as it is believed to be.
+        model: The vehicle as it is assumed to be.
         thrusters: Their names.
         record: Commands and readings.
         progress: Told the share that is done.

@@ -1,7 +1,7 @@
 """Planning a test: candidates flown by the twin within a tank, the best of them chosen, a scenario written.
 
 The candidates' commands are those of the closed loop (holding, the weak spring to the start), flown by the vehicle as
-it is believed to be. What each would tell about the parameters follows from the derivatives of the twin along its path
+it is assumed to be. What each would tell about the parameters follows from the derivatives of the twin along its path
 (`identification.experiment`).
 """
 
@@ -66,7 +66,7 @@ class Plan:
         candidates: How many there were, and how many fitted the tank and the attitude limit.
         manoeuvres: Chosen, in words, in order.
         notes: What the vehicle or the tank does not let the test do, in words.
-        model: Of the vehicle as it is believed to be.
+        model: Of the vehicle as it is assumed to be.
     """
 
     scenario: Scenario
@@ -141,7 +141,7 @@ def plan_tests(
     """The test of so many minutes in a tank that is expected to tell most about a vehicle.
 
     Args:
-        vehicle: As it is believed to be.
+        vehicle: As it is assumed to be.
         reference: Its name or file, for the scenario.
         minutes: Of test, ways home and hands included.
         tank: It has to fit.
@@ -265,7 +265,7 @@ def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Pa
     """Parameters that a test could tell, and what is known of them before.
 
     Args:
-        vehicle: As it is believed to be.
+        vehicle: As it is assumed to be.
         bollard: Standard deviation of the full thrust in surge, sway and heave, as a share of it, from a pull on a
             scale (thesis table 3.1); None: nobody pulled, and no motion tells the scale of all forces.
     """
@@ -288,7 +288,7 @@ def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Pa
 def information_of(
     parameters: Parameters, flown: Sequence[Rehearsed], progress: Callable[[float], None]
 ) -> Information:
-    """What tests tell, by the sensors that identification counts on; `progress` is told which share is done."""
+    """What tests tell, by the sensors that identification counts on; `progress` gets which share is done."""
     tests = [[_with_signals(record) for record in one.records] for one in flown]
     paths = [Path(one.t, one.position, one.attitude, one.nu) for one in flown]
     seconds = [len(one.t) * one.scenario.control_dt for one in flown]

@@ -42,7 +42,7 @@ class Survey:
     """A survey that is laid out.
 
     Attributes:
-        request: What was wanted.
+        request: What was requested.
         scenario: To fly.
         plan: The way and what it sees.
         budget: What it takes from the batteries.

@@ -1,4 +1,4 @@
-"""What is wanted of a survey."""
+"""What is requested of a survey."""
 
 import pathlib
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from rovtwin.survey.room import Swath
 
 @dataclass(frozen=True)
 class SurveyRequest:
-    """What is wanted; None takes what follows from vehicle and scenario.
+    """What is requested; None takes what follows from vehicle and scenario.
 
     Attributes:
         area: File, see `read_area`.

@@ -13,7 +13,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.vision import opencv
 from rovtwin.vehicle.physics.camera import Lens, lens_from
 
-FEWEST = 3  # pictures; with fewer the focal length cannot be told from the board's tilt
+FEWEST = 3  # pictures; with fewer the focal length cannot be distinguished from the board's tilt
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,7 +59,7 @@ class SlamMemory(eqx.Module):
 
 
 class SlamOutput(eqx.Module):
-    """What the filter believes after a frame.
+    """The filter's estimate after a frame.
 
     Attributes:
         position: CO in n [m], shape (3,).

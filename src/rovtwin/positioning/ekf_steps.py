@@ -226,7 +226,7 @@ def vote(given: Given, state: State, slots: Sightings) -> Vote:
 
 
 def take_position(given: Given, state: State, chosen: Vote) -> State:
-    """Puts the vehicle where the markers that are seen say; what was believed of its motion is dropped."""
+    """Puts the vehicle where the markers that are seen say; what was estimated of its motion is dropped."""
     tuning = given.tuning
     variance = jnp.concatenate(
         [jnp.full(3, chosen.std**2), jnp.full(3, tuning.start_velocity**2), tuning.acceleration**2]

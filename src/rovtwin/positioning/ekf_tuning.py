@@ -1,4 +1,4 @@
-"""What the marker filter believes about noise and motion, and when it no longer believes a marker."""
+"""What the marker filter assumes about noise and motion, and when it rejects a marker."""
 
 import equinox as eqx
 
@@ -18,7 +18,7 @@ class SlamTuning(eqx.Module):
         offset: Of a constant offset of the attitude, axes of n [rad], shape (3,); zero keeps the attitude's north.
         offset_walk: Its random walk [rad/sqrt(s)], shape (3,).
         tilt: Of a new marker's attitude, before its corners are looked at [rad].
-        gate: Largest squared normalised innovation of eight coordinates that is believed.
+        gate: Largest squared normalised innovation of eight coordinates that is accepted.
         patience: Frames in a row in which a marker may contradict the others before it is taken for moved, and in
             which all may contradict before the vehicle is taken for lost.
         wide: Standard deviation of the position beyond which it is taken afresh from what is seen [m].

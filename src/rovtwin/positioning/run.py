@@ -36,7 +36,7 @@ class Association:
     A marker that was moved is two landmarks: one before, one after.
 
     Attributes:
-        landmark: Shape (n, slots); -1 where a slot is empty, or what is in it was not believed.
+        landmark: Shape (n, slots); -1 where a slot is empty, or what is in it was not accepted.
         ids: Id of each landmark, shape (landmarks,).
         known: Place of each in the layout, or -1, shape (landmarks,).
         position: As the filter left them [m], shape (landmarks, 3).

@@ -57,7 +57,7 @@ class Track:
         t: Times of the frames [s], shape (n,).
         position: CO in n [m], shape (n, 3).
         velocity: In n [m/s], shape (n, 3).
-        std: Of both, as the estimator believes, shape (n, 6); NaN where it does not say (luenberger).
+        std: Of both, by the estimator's covariance, shape (n, 6); NaN where it does not say (luenberger).
         attitude: Quaternions R_nb, shape (n, 4).
         offset: Of the attitude that was measured, a rotation vector in n [rad], shape (3,); R_nb = exp(offset) R_meas.
         offset_std: Its standard deviation [rad], shape (3,).

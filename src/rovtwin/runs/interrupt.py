@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish that is granted between two chunks, so that a run ends with a whole log."""
+"""Ctrl-C as a request that is granted between two chunks, so that a run ends with a whole log."""
 
 import signal
 import threading

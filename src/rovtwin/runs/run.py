@@ -112,7 +112,7 @@ Above = tuple[tuple[float, float, float], int, Sequence[float]]
 
 
 def above(topside: Topside | None, control_dt: float) -> Callable[[int], Above]:
-    """What the host of a tick knows, the operator's request and the pilot's wish, see `HostAutopilot.step`."""
+    """What the host of a tick knows, the operator's request and the pilot's command, see `HostAutopilot.step`."""
     if topside is None:
         return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST, NO_PILOT_COMMAND)
     look = jax.jit(lambda t: topside.at(t, control_dt))

@@ -17,7 +17,7 @@ def perturbed(
     """A plant like `model`, but drawn anew.
 
     Args:
-        model: What the autopilot believes.
+        model: The autopilot's.
         key: Seeds the draws.
         damping: Every damping coefficient (linear and quadratic, each entry, ahead and astern where they differ) is
             multiplied by its own draw, uniform in [1 - damping, 1 + damping].

@@ -27,7 +27,7 @@ RATE = (0.5, 0.5, 0.3, 0.0, 0.0, 0.6)  # at which a full stick moves what is hel
 REACH = (0.5, 0.5, 0.5, 0.5, 0.5, 0.5)  # what is held stays as close to the vehicle while a stick moves it [m, rad]
 INTEGRAL = 0.1  # share of the frequency
 ALPHA, BETA = 0.2, 0.02  # of the tracker of depth: quick against a hold, slow against a millimetre of noise
-SILENT = 0.5  # a sensor is not believed any longer after this [s]
+SILENT = 0.5  # a sensor is not used any longer after this [s]
 DEAD = 0.02  # a stick within this is let go
 _LEVEL = (jnp.arange(6) == 3) | (jnp.arange(6) == 4)
 
@@ -56,7 +56,7 @@ class Order(eqx.Module):
 
 
 class OnboardInput(eqx.Module):
-    """The order, and where the vehicle believes to be.
+    """The order, and where the vehicle's filter puts it.
 
     Attributes:
         order: The command.
@@ -234,6 +234,6 @@ class Sense(Block):
         return SenseMemory(depth, jnp.concatenate([angles, rates]), silence), sensed
 
     def _tracked(self, depth: Array, read: Array, known: Array) -> Array:
-        """Depth and rate after a reading; the first one after a silence is believed as it is."""
+        """Depth and rate after a reading; the first one after a silence is accepted as it is."""
         better = depth + (read - depth[0]) * jnp.stack([as_array(ALPHA), BETA * self.rate])
         return jnp.where(known, better, jnp.stack([read, jnp.zeros(())]))

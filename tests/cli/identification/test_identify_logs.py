@@ -1,4 +1,4 @@
-"""Logs that `rovtwin identify` is given: a bad held-out one is left out, a trusted one is used, and both are told."""
+"""Logs that `rovtwin identify` is given: a bad held-out one is left out, a trusted one is used, both are reported."""
 
 import json
 

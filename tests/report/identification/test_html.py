@@ -56,7 +56,7 @@ def vehicle():
 
 @pytest.fixture(scope="module")
 def result(vehicle):
-    """Surge is told, but linear and quadratic damping only as a sum; roll was never moved."""
+    """Surge is known, but linear and quadratic damping only as a sum; roll was never moved."""
     parameters = choose(catalogue(vehicle), FREE)
     n, names = len(parameters), parameters.names
     prior = Gaussian(np.zeros(n), 0.25 * np.eye(n))

@@ -115,7 +115,7 @@ def _acceleration(text: str) -> list[float]:
 
 @contextmanager
 def looking_for_markers() -> Iterator[Callable[[float], None]]:
-    """A progress line that is told the time of each frame [s]."""
+    """A progress line that is given the time of each frame [s]."""
     columns = TextColumn("{task.description}"), TimeElapsedColumn()
     with Progress(*columns, console=console(True), transient=True) as bar:
         task = bar.add_task("looking for markers", total=None)

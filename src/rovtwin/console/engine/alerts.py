@@ -97,7 +97,7 @@ def _of_sensors(state: dict[str, Any]) -> list[Alert]:
 
 
 def _of_kind(state: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """What the sensors of a kind last told: age and value."""
+    """What the sensors of a kind last reported: age and value."""
     return [status for name, status in state["sensors"].items() if kind_of(name) == kind]
 
 

@@ -26,7 +26,7 @@ from rovtwin.scenario.schema import Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
 
-TURN = 4e-3  # for orders, before it is looked whether a tick is due; one is heard at least [s]
+TURN = 4e-3  # for orders, before it is looked whether a tick is due; one is taken at least [s]
 ANY_AGE = ("stop", "disarm", "abort", "quit")  # orders that are right however long they waited
 
 
@@ -61,7 +61,7 @@ class Bridge:
         self._socket.close()
 
     def answer(self, text: bytes) -> dict[str, Any] | None:
-        """Do what one says; what to reply, nothing where nobody asked to be told."""
+        """Do what one says; what to reply, nothing where nobody asked for it."""
         number = None
         try:
             message = decode(text)
@@ -81,7 +81,7 @@ class Bridge:
             found = getattr(self, f"_{order.do}")(order) or {}
         except RovtwinError as error:
             return {"id": number, "ok": False, "error": str(error)}
-        except Exception as error:  # a mistake of ours: the vehicle is flown on, and whoever asked is told
+        except Exception as error:  # a mistake of ours: the vehicle is flown on, and whoever asked is informed
             logger.exception("order %s", order.do)
             return {"id": number, "ok": False, "error": f"{order.do}: failed ({type(error).__name__}: {error})"}
         return None if number is None else {"id": number, "ok": True} | found
@@ -251,7 +251,7 @@ class Bridge:
 
 
 def _fault(order: orders.Inject, thrusters: list[str], sensors: list[str]) -> tuple[tuple[Any, ...], str]:
-    """A fault as the twin is told of it, and for people."""
+    """A fault as the twin gets it, and for people."""
     if order.fault == "thruster":
         if order.thruster is None or order.thruster >= len(thrusters):
             raise ConfigError(f"inject.thruster: found {order.thruster}, expected 0 to {len(thrusters) - 1}")

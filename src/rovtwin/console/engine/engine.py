@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 PILOT_COMMAND_LIFE = 0.3  # of a pilot's sticks [s]
 SOON = 1e-3  # wait for a world that is computed [s]
-CATCH_UP = 20  # ticks at most before orders are heard again
+CATCH_UP = 20  # ticks at most before orders are taken again
 AGAIN = 0.05  # until the next turn of a loop that failed [s]
 
 
@@ -74,7 +74,7 @@ class Engine:
             while not self.over:
                 try:
                     self._turn(obey, wait)
-                except Exception as error:  # a mistake of ours, too: no thrust then, and whoever looks is told
+                except Exception as error:  # a mistake of ours, too: no thrust then, and whoever looks is informed
                     self._fail(error)
                     time.sleep(AGAIN)
         finally:
@@ -252,7 +252,7 @@ class Engine:
                 self.event("warning" if cue.hand else "info", cue.text)
 
     def _take_over(self, vessel: VehicleSession | None) -> None:
-        """Begin to tick with a vehicle that is heard."""
+        """Begin to tick with a vehicle that is connected."""
         if vessel is None:
             return
         try:
@@ -298,7 +298,7 @@ class Engine:
         if self.is_twin and self._ticker is not None:
             self._ticker.vessel.link.tell(("test", began))
 
-    # What is told
+    # What is reported
 
     def _say(self, stage: str, note: str) -> None:
         self._stage, self._note = stage, note

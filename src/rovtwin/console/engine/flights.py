@@ -126,7 +126,7 @@ class Logbook:
     """The log of the flight under way, if there is one. A log that fails, as on a full disk, ends no flight."""
 
     def __init__(self, runs: Path, event: Event):
-        """Flights become folders in `runs`; what happens to their logs is told to `event`."""
+        """Flights become folders in `runs`; what happens to their logs is reported to `event`."""
         self._runs, self._event = runs, event
         self._flight: FlightLog | None = None
         self._opening: Future[FlightLog] | None = None

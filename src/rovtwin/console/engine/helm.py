@@ -1,4 +1,4 @@
-"""The autopilot as an operator needs it: idle until told, a new mission without compiling, a pilot's wishes."""
+"""The autopilot as an operator needs it: idle until started, a new mission without compiling, a pilot's commands."""
 
 from typing import Any
 

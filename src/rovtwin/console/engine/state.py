@@ -19,9 +19,9 @@ SHOWN = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))
 
 
 class SensorStatus:
-    """When each sensor was last heard, and what it said; and the truth of which time, where a twin tells it.
+    """When each sensor's last reading came, and its value; and the truth of which time, where a twin tells it.
 
-    A twin tells the truth at the end of each of its ticks, so that readings can be told apart by the tick they are of.
+    A twin tells the truth at the end of each of its ticks, so that readings can be sorted by the tick they are of.
     """
 
     def __init__(self, names: list[str]):
@@ -136,7 +136,7 @@ def band(count: float) -> tuple[float, float]:
 
 
 def flown(output: AutopilotOutput, waypoints: int) -> dict[str, Any]:
-    """What the autopilot believes, wants and does."""
+    """The autopilot's estimate, set-point and command."""
     estimate, setpoint, reference = output.estimate, output.setpoint, output.reference
     variance = np.diagonal(estimate.covariance)[:6]
     on_leg, leg_end = bool(setpoint.on_leg), np.asarray(setpoint.leg_end)
@@ -183,7 +183,7 @@ def counted(waypoints: int) -> str:
 
 
 def plan_message(waypoints: list[Waypoint], submitted: bool, datum: Datum) -> dict[str, Any]:
-    """The message that tells of a plan; places on the map are told in metres, too."""
+    """The message about a plan; places on the map are reported in metres, too."""
     rows = [
         waypoint.model_dump(exclude_none=True, exclude={"geodetic"}) | {"position": waypoint.placed(datum)}
         for waypoint in waypoints

@@ -1,4 +1,4 @@
-"""What flies at the engine's ticks: a compiled autopilot, idle until it is told, that goes on for ever."""
+"""What flies at the engine's ticks: a compiled autopilot, idle until it is started, that goes on for ever."""
 
 import abc
 import math

@@ -1,4 +1,4 @@
-"""The arm switch: what has to happen between an operator's wish and thrust, and what takes it back."""
+"""The arm switch: what has to happen between an operator's request and thrust, and what takes it back."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ class ArmSwitch:
     """
 
     def __init__(self, logbook: Logbook, event: Event):
-        """`logbook` is of the flights; what becomes of a wish is told to `event`."""
+        """`logbook` is of the flights; what becomes of a request is reported to `event`."""
         self._logbook, self._event = logbook, event
         self.armed = self.arming = self.stopped = False
         self._asked, self._asked_at = False, -np.inf  # whether the vehicle was asked, and when the operator did
@@ -37,7 +37,7 @@ class ArmSwitch:
         return news
 
     def is_overtaken(self, link: HostedLink) -> bool:
-        """Whether the link's host was told to stop since, past us."""
+        """Whether the link's host was asked to stop since, past us."""
         return (self.armed or self.arming) and link.stopped_at > self._asked_at
 
     def go_on(self, link: HostedLink, t: float) -> None:

@@ -9,7 +9,7 @@ import zmq
 from rovtwin.console.wire import encode
 
 STATES = 0.05  # between two states [s]
-AGAIN = 1.0  # what does not change is told as often, for who comes later [s]
+AGAIN = 1.0  # what does not change is reported as often, for who comes later [s]
 EVENTS = 200  # kept
 
 

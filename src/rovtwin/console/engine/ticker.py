@@ -10,7 +10,7 @@ from rovtwin.runs.pace import SLIP, Clock, Pace
 
 
 class Ticker:
-    """Ticks from the moment a vessel is heard until it is let go of.
+    """Ticks from the moment a vehicle is connected until it is let go of.
 
     Attributes:
         vessel: Whose.
@@ -52,7 +52,7 @@ class Ticker:
         self._sensor_status.hear(self.vessel.mux.read())
 
     def tick(self, operator_age: float, pilot_command: tuple[float, ...], armed: bool) -> bool:
-        """One tick of what was heard; False where the world has not come so far.
+        """One tick of what was received; False where the world has not come so far.
 
         Args:
             operator_age: Since the operator gave a sign of life [s].

@@ -1,4 +1,4 @@
-"""The vehicle of an engine, made ready beside its loop: host process, compiled autopilot, sensors heard."""
+"""The vehicle of an engine, made ready beside its loop: host process, compiled autopilot, sensors received."""
 
 import math
 import threading
@@ -93,7 +93,7 @@ class Limits:
 
 @dataclass
 class VehicleSession:
-    """A vehicle that is heard."""
+    """A vehicle that is connected."""
 
     link: HostedLink
     sources: list[Source]

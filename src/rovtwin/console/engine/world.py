@@ -125,7 +125,7 @@ def _readings(moved: TwinOutput) -> Any:
 
 @dataclass(frozen=True)
 class WorldOpener:
-    """Opens a scenario's twin in the host's process; its clock stands until it is told otherwise."""
+    """Opens a scenario's twin in the host's process; its clock stands until it is set."""
 
     scenario: Scenario
     clock: Clock

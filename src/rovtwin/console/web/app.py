@@ -1,4 +1,4 @@
-"""The web server: pages by NiceGUI, the live socket, files; on this machine alone unless it is told otherwise."""
+"""The web server: pages by NiceGUI, the live socket, files; on this machine alone unless set otherwise."""
 
 import asyncio
 import signal
@@ -70,7 +70,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     @app.get("/camera.mjpg")
     async def picture() -> Response:
         if stream.rests:
-            return Response(status_code=204)  # why is told on the page, and no error in the browser
+            return Response(status_code=204)  # the page shows why, and no error in the browser
         return StreamingResponse(stream.parts(), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
 
     @app.get("/mesh/vehicle.glb")

@@ -23,7 +23,7 @@ class Browser:
         self._spoke_at = time.monotonic()
 
     def put(self, text: str, is_state: bool = False) -> None:
-        """Something to send. A page that does not take it is given up: it comes anew, and is told all there is."""
+        """Something to send. A page that does not take it is given up: it comes anew, and gets all there is."""
         if is_state:
             self._state = text
         elif len(self._texts) < WAITING:

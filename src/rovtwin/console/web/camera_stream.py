@@ -27,7 +27,7 @@ Tell = Callable[[dict[str, Any]], None]
 
 @dataclass
 class Truth:
-    """The newest true pose that an engine told; picklable, it listens where it is first asked."""
+    """The newest true pose that an engine sent; picklable, it listens where it is first asked."""
 
     address: str
     _ear: Any = field(default=None, repr=False)

@@ -69,7 +69,7 @@ class Guard:
             marked = self._marked(send, cookie_of(asked.headers.get("host", "")) if new else "")
             await (_clean(scope) if led_on else self._app)(scope, receive, marked)
         elif is_socket:
-            await receive()  # its wish to connect
+            await receive()  # its request to connect
             await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse(REFUSED, 403)(scope, receive, send)

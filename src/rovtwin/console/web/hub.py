@@ -258,7 +258,7 @@ class Hub:
             await asyncio.sleep(PULSE)
 
     def _pulse_message(self) -> dict[str, Any]:
-        """Whether the engine lives; pages say with each order of which pulse they have heard last."""
+        """Whether the engine lives; pages say with each order of which pulse they have received last."""
         return {"kind": "pulse", "hung": self.client.hung, "at": time.monotonic()}
 
     @staticmethod
@@ -267,7 +267,7 @@ class Hub:
 
 
 def _require_new(pulse: Any) -> None:
-    """Raise RovtwinError where the newest pulse that a page had heard when it gave an order is too old [s]."""
+    """Raise RovtwinError where the newest pulse that a page had received when it gave an order is too old [s]."""
     if pulse is None:  # a program in place of a page
         return
     if isinstance(pulse, bool) or not isinstance(pulse, int | float):

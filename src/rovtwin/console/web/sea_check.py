@@ -34,7 +34,7 @@ class SeaCheck:
             self._task = asyncio.create_task(self._judge())
 
     async def _judge(self) -> None:
-        """Until the newest plan is judged. One that became old meanwhile is judged to its end, and nobody is told."""
+        """Until the newest plan is judged. One that became old meanwhile is judged to its end, without a message."""
         while (asked := self._newest) is not None:
             rows, tell = asked
             await asyncio.sleep(QUIET)

@@ -1,4 +1,4 @@
-"""What each thruster is told and what it still can do, as bars drawn by `thrusters.js`."""
+"""What each thruster is sent and what it still can do, as bars drawn by `thrusters.js`."""
 
 from nicegui import ui
 

@@ -141,8 +141,8 @@ class PriorityAllocation(Block):
         """Forces with those near zero left out, shape (n,), with hysteresis.
 
         Each change of sign sends the command across the dead band, from -u_0 to u_0 at once: about zero force the
-        noise of the estimate would do that every few ticks. So a thruster rests until it is wanted for some force, and
-        once it turns it goes on until clearly less is wanted.
+        noise of the estimate would do that every few ticks. So a thruster rests until some force is asked of it, and
+        once it turns it goes on until clearly less is asked for.
         """
         turning = force * sent > 0.0
         least = jnp.where(turning, self.stop, self.start) * largest_force(self.lowest, self.highest)

@@ -90,7 +90,7 @@ class Tracking(Block):
     """Model-based tracking control.
 
     Attributes:
-        model: What the vehicle is believed to be.
+        model: What the vehicle is assumed to be.
         sustained: Tells the current.
         K_p: Of the pose error, b [1/s2], shape (6,).
         K_d: Of the velocity error, b [1/s], shape (6,).
@@ -214,7 +214,7 @@ class Tracking(Block):
     def _depth_and_tilt(
         self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array
     ) -> Array:
-        """Heave force [N] of a depth error and a wanted heave velocity: see HeaveFeedback.force."""
+        """Heave force [N] of a depth error and a desired heave velocity: see HeaveFeedback.force."""
         most = jnp.minimum(self.reach, feedback.depth_error(self.sustained.level.dive(nu_r[:2])))
         deep = jnp.clip(deep, -most, most)
         return feedback.force(deep, heave - nu_r[HEAVE], nu_r, euler, wrench)

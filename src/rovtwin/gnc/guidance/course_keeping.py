@@ -48,7 +48,7 @@ NO_SPEED = 1e-3  # share of cruise that is no motion at all
 
 
 class CourseInput(eqx.Module):
-    """The set-point as guidance, or a fail-safe, asks for it, and what the observer believes."""
+    """The set-point as guidance, or a fail-safe, asks for it, and the estimate."""
 
     setpoint: Setpoint
     estimate: Estimate
@@ -80,7 +80,7 @@ class CourseKeeping(Block):
         gain: Of the pull [1/s].
         cruise: Largest pull [m/s].
         acceleration: Along the bow; half of it is planned with for coming to rest [m/s2].
-        lag: Of the surge behind the wanted one, and of the smoothed current [s].
+        lag: Of the surge behind the desired one, and of the smoothed current [s].
         slack: How far off a place to be kept the vehicle may drift before it turns towards it [m]; what the filter does
             not know of the place, one standard deviation, comes to it.
         aside: Speed through the water that sway thrust keeps up [m/s]; 0 without.

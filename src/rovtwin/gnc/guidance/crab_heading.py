@@ -28,7 +28,7 @@ SAME = 1e-6  # headings that are one [rad]
 
 
 class BowInput(eqx.Module):
-    """What is preferred: a heading [rad] and a way over ground, n [m/s], shape (2,); and what the observer believes."""
+    """What is preferred: a heading [rad] and a way over ground, n [m/s], shape (2,); and the estimate."""
 
     preferred: Array
     way: Array

@@ -79,7 +79,7 @@ class LevelSpeed(eqx.Module):
 
         Args:
             preferred: Heading [rad].
-            way: Velocity over ground that is wanted, n [m/s], shape (2,); SPARE of the level speed counts.
+            way: Velocity over ground that is requested, n [m/s], shape (2,); SPARE of the level speed counts.
             current: In n [m/s], shape (2,).
             heading: That it has [rad].
             aside: Largest speed through the water that thrusters push it sideways [m/s]; 0: none do.

@@ -103,7 +103,7 @@ class PathGuidance(Block):
         acceleration: Largest along the path [m/s2].
         sideways: Largest in a corner [m/s2].
         turn_rate: Largest in a corner [rad/s].
-        lag: Of the speed behind the wanted one [s].
+        lag: Of the speed behind the desired one [s].
         onset: Twice the acceleration over it is the largest jerk [s].
         patience: How far off the vehicle may be before the point waits, and over how much more it comes to rest [m].
         depth_tolerance: Depth error at which a dive is complete [m].

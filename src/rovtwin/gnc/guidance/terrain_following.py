@@ -2,7 +2,7 @@
 
 Readings of the altimeter, with depth and attitude of the estimate, say how deep the floor is; an alpha-beta filter
 follows it and its rate, and looks as far ahead as the reference of the depth lags behind. What an altimeter says is
-believed once a few echoes agree, and no longer when its range stays the same to the last bit while the vehicle sinks or
+accepted once a few echoes agree, and no longer when its range stays the same to the last bit while the vehicle sinks or
 rises. While it is silent the floor is taken to go on for a second, then to be level, and after `patience` the
 way-point's own depth holds: it has to be one that is safe. However wrong an altimeter is, the vehicle goes no deeper
 than `band` below that depth.
@@ -18,13 +18,13 @@ from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 
 NEVER = 1e6  # since the last echo, where there was none [s]
-AGREE, ENOUGH = 1.0, 5  # echoes that differ by less than so much [m], and so many of them, begin to be believed
+AGREE, ENOUGH = 1.0, 5  # echoes that differ by less than so much [m], and so many of them, begin to be accepted
 STUCK = 0.3  # sinking or rising while the range stays the very same [m]
 STEEPEST = 0.5  # rate of the floor [m/s]
 
 
 class TerrainInput(eqx.Module):
-    """What was measured, what the observer believes, and the mission as it was given."""
+    """What was measured, the estimate, and the mission as it was given."""
 
     measurements: Measurements
     estimate: Estimate
@@ -61,7 +61,7 @@ class TerrainFollowing(Block):
         band: How far below a way-point's own depth it may go [m].
         time_constant: Of the floor's filter [s].
         jump: Largest step that one echo may ask for: a fish is no floor [m].
-        lead: How far ahead the rate is believed [s].
+        lead: How far ahead the rate is used [s].
         patience: How long a silent altimeter's last floor holds [s].
         name: Of the altimeter that is read.
     """

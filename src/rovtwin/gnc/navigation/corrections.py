@@ -82,9 +82,9 @@ def inflated_for_waves(
         P: Covariance, shape (31, 31).
         depth_bias: Mean of the normalised innovations, over the last ones.
         x: State.
-        sea: What is believed of the waves.
+        sea: What is assumed of the waves.
         model: Of the vehicle.
-        gate: Squared normalised innovation believed.
+        gate: Squared normalised innovation accepted.
     """
     slope, residual = found.slope[0], found.residual[0]
     normal = residual / jnp.sqrt(slope @ jnp.sum(P * slope, axis=1) + found.variance[0])

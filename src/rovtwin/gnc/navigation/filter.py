@@ -51,8 +51,8 @@ class NavigationMemory(eqx.Module):
         omega: Angular velocity at the end of the last tick, b [rad/s], shape (3,).
         ticks: So far, int; time is `ticks * dt`.
         trail: Where dead reckoning went.
-        sea: What is believed of the waves.
-        rejected: Positions that were not believed, by sensor.
+        sea: What is assumed of the waves.
+        rejected: Positions that were not accepted, by sensor.
         doubted: Ticks in a row in which a sensor's readings were not, by sensor, int; accelerometers count as one.
         depth_bias: Mean of the normalised innovations of pressure, by sensor; see `inflated_for_waves`.
     """
@@ -93,7 +93,7 @@ class NavigationFilter(Block):
     """Error-state filter whose prediction is driven by the model and by the inertial sensors at once.
 
     Attributes:
-        model: What the filter believes the vehicle to be.
+        model: The vehicle as the filter assumes it.
         tuning: See `Tuning`.
     """
 
@@ -194,7 +194,7 @@ class NavigationFilter(Block):
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
     ) -> tuple[NavigationState, Array, Forecast, SeaState, tuple[Array, Array], Array]:
-        """State after model and accelerometer were compared, the forecast of both, the sea, what was heard, doubts."""
+        """State after model and accelerometer were compared, the forecast of both, the sea, the test, doubts."""
         x, P, tuning = memory.x, memory.P, self.tuning
         waves = self._waves(memory.sea, x)
         by_model = motion.by_model(self.model, x, tau, turning)

@@ -1,4 +1,4 @@
-"""What each sensor says of the error: residual, its derivative, its noise, and whether it is believed.
+"""What each sensor says of the error: residual, its derivative, its noise, and whether it is accepted.
 
 Readings of a tick are averaged; each is compared with the state when it was taken.
 """
@@ -37,7 +37,7 @@ class Innovation(eqx.Module):
         residual: Shape (n,).
         slope: Shape (n, 31).
         variance: Of the noise, shape (n,).
-        used: Whether they are there and believed, shape (n,), bool.
+        used: Whether they are there and accepted, shape (n,), bool.
     """
 
     residual: Array
@@ -115,7 +115,7 @@ def last(slot: Slot) -> Array:
 def attitude(
     x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: Array | float
 ) -> Innovation:
-    """zyx Euler angles of the sensor's axes, as a small rotation from where the vehicle is believed to have been."""
+    """zyx Euler angles of the sensor's axes, as a small rotation from where the vehicle is assumed to have been."""
     q_sb = quaternion_conjugate(quaternion_from_rotation(mount.rotation))
     total, count = jnp.zeros(3), jnp.sum(slot.valid)
     for row in range(slot.valid.shape[0]):

@@ -1,4 +1,4 @@
-"""What was known of every instant once all had been heard: the filter forwards, then backwards through its passages.
+"""What was known of every instant once all had been received: the filter forwards, then backwards through its passages.
 
     dx_k = G (x_smoothed(k+1) - x_predicted(k+1)),   G = P_k Phi' P_predicted^-1
 

@@ -39,7 +39,7 @@ def initial_covariance(std: Array, start: Start) -> Array:
     """Covariance of the error at the start, shape (31, 31).
 
     What is known of the start is where CO is, waves and all: how much of it is the waves' displacement is not known, so
-    that slow place and displacement err by the same, one up, one down. Depth is told by the pressure, which is blind
+    that slow place and displacement err by the same, one up, one down. Depth is given by the pressure, which is blind
     to the waves.
 
     Args:

@@ -1,4 +1,4 @@
-"""What the filter believes of its sensors, of its model and of the sea."""
+"""What the filter assumes of its sensors, of its model and of the sea."""
 
 from collections.abc import Container, Mapping, Sequence
 
@@ -30,7 +30,7 @@ SENSOR_STD = {name: SENSORS[name].std for name in STATES}
 """Usual standard deviation of the sensors that the filter takes in, per axis."""
 
 GATE = {"position": 18.4, "pressure": 15.1, "attitude": 21.1, "dvl": 21.1, "accelerometer": 21.1}
-"""Largest squared normalised innovation believed: chi-square of 2, 1, else 3 degrees of freedom at 1e-4."""
+"""Largest squared normalised innovation accepted: chi-square of 2, 1, else 3 degrees of freedom at 1e-4."""
 
 
 class Tuning(eqx.Module):
@@ -47,8 +47,8 @@ class Tuning(eqx.Module):
         wave_damping: Half the relative width of the band of waves.
         wave_slip: Share of the waves' heave by which the vehicle does not follow the water.
         gate: By kind of sensor, squared normalised innovation beyond which a reading counts as an outlier.
-        patience: So many positions beyond the gate in a row that agree with each other are believed.
-        max_rejections: So many ticks in a row may another sensor be beyond its gate before it is believed.
+        patience: So many positions beyond the gate in a row that agree with each other are accepted.
+        max_rejections: So many ticks in a row may another sensor be beyond its gate before it is accepted.
         max_age: Of a reading [s]; one with a stamp further off counts as new.
     """
 

@@ -11,7 +11,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 
 SMOOTH, SLOW, REMEMBER = 0.2, 6.0, 40.0  # [s]
 FIRST, GROWTH = 6.0, 0.25  # what is remembered at the start [s], and how much longer each second
-ROUGH = 0.2, 0.15  # what is believed at the start: acceleration [m/s2] and velocity [m/s], a choppy surface
+ROUGH = 0.2, 0.15  # what is assumed at the start: acceleration [m/s2] and velocity [m/s], a choppy surface
 FAINT = 1e-3  # acceleration below which nothing is said about the frequency [m/s2]
 # A slower motion is control's: the drift that a lost thruster brings looked like a swell of 0.4 rad/s.
 SLOWEST, FASTEST, USUAL = 0.6, 2.5, 1.0  # frequencies [rad/s]

@@ -40,10 +40,10 @@ RULES: dict[str, Rule] = {
     "leak": Rule(np.nan, 0.2, "surface"),
     "battery critical": Rule(0.10, 5.0, "surface"),  # charge of the emptiest battery, share
     "filter diverged": Rule(6.0, 10.0, "surface"),  # mean squared normalised innovation of a position, by axis
-    "positions lost": Rule(120.0, 0.0, "surface"),  # since the last one that the filter believed [s]
+    "positions lost": Rule(120.0, 0.0, "surface"),  # since the last one that the filter accepted [s]
     "thruster failed": Rule(np.nan, 0.0, "surface"),  # and what is left is too little to go on
     "saturated": Rule(np.nan, 30.0, "surface"),  # wrench short of what the controller wants
-    "link lost": Rule(5.0, 0.0, "surface"),  # since the vehicle was last heard [s]
+    "link lost": Rule(5.0, 0.0, "surface"),  # since anything came from the vehicle [s]
     "deadline missed": Rule(5.0, 1.0, "surface"),  # lateness of ticks, in control periods
     "battery low": Rule(0.20, 5.0, "return"),
     "geofence": Rule(np.inf, 1.0, "return"),  # distance from the start [m]
@@ -51,7 +51,7 @@ RULES: dict[str, Rule] = {
     "time out": Rule(np.inf, 0.0, "return"),  # since the mission began [s]
     "operator silent": Rule(60.0, 0.0, "hold"),  # since the operator's last sign of life [s]
     "no way home": Rule(60.0, 0.0, "surface"),  # since the vehicle last came nearer while it returns [s]
-    "sensor silent": Rule(3.0, 0.0, "surface"),  # since attitude or depth was last told [s]
+    "sensor silent": Rule(3.0, 0.0, "surface"),  # since attitude or depth was last reported [s]
     # Distance from the set-point beyond which the vehicle has to come nearer [m]: `off_course`, from the vehicle.
     "off course": Rule(np.inf, 30.0, "return"),
     "off depth": Rule(np.inf, 30.0, "return"),
@@ -123,7 +123,7 @@ class SupervisorInput(eqx.Module):
         host: Ages and lateness.
         shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
         ability: FINE, UNABLE or HEAVE_LOST, see `control_authority`, int.
-        saturated: Axes on which a limit cut what the controller wanted, shape (6,), bool.
+        saturated: Axes on which a limit cut what the controller asked for, shape (6,), bool.
         desired_position: Place of the last tick's set-point, n [m], shape (3,); NaN where there is none.
     """
 
@@ -147,10 +147,10 @@ class Watch(eqx.Module):
         leak: Whether water was last said to come in by each sensor, shape (k,), bool.
         charge: As each battery's sensor last said, share, shape (k,).
         altitude: As each altimeter last said [m], shape (k,).
-        silence: Since a position was believed [s].
+        silence: Since a position was accepted [s].
         nearest: How near it came to home on its way there [m].
         stalled: Since it last came nearer [s].
-        quiet: Since each of VITAL was heard, shape (2,) [s].
+        quiet: Since each of VITAL was received, shape (2,) [s].
         nis: Fading sum of the positions' squared normalised innovations, and of their number.
         dof: See `nis`.
         course: How near the vehicle came to its set-point while it is off it.

@@ -8,7 +8,7 @@ differentiating twice. A thruster that is lost leaves its own signature there, m
 
 with exponentially forgetting means. The hypothesis that explains most wins, once it explains nearly all for a while.
 A force alone may as well be a current or a caught tether, which feedback answers with just the force that seems to be
-missing: so only thrusters with a moment of their own can be told, and moments weigh more than forces.
+missing: so only thrusters with a moment of their own can be found, and moments weigh more than forces.
 
 The flow's wrench is that of a current which is read off the disturbance force, so an error of that force is one of the
 flow's moments too: on a slender hull 0.03 m/s across the bow are, by Munk's moment, as much as a lost thruster. So
@@ -42,7 +42,7 @@ MORE = 0.15  # that a unit has to explain more than the best of its thrusters
 
 
 class HealthInput(eqx.Module):
-    """What the observer believes and the command that the vehicle got last."""
+    """The estimate and the command that the vehicle got last."""
 
     estimate: Estimate
     command: Command
@@ -78,7 +78,7 @@ class HealthMemory(eqx.Module):
     age: Array
 
     def retried(self, again: Array) -> "HealthMemory":
-        """The same, with all thrusters believed in where they are to be tried again, bool."""
+        """The same, with all thrusters counted as sound where they are to be tried again, bool."""
         return eqx.tree_at(lambda m: m.health, self, jnp.where(again, 1.0, self.health))
 
 
@@ -88,7 +88,7 @@ class ThrusterHealth(Block):
     What is lost stays lost until the operator arms again.
 
     Attributes:
-        model: What the vehicle is believed to be.
+        model: What the vehicle is assumed to be.
         sustained: Tells the current.
         lost: Thrusters that each hypothesis takes for lost, shape (h, n).
         signed: Columns of T with a moment of their own, shape (6, n); the others zero.

@@ -1,4 +1,4 @@
-"""Allocation: a wanted wrench -> a command for each thruster, by the pseudo-inverse of the configuration matrix.
+"""Allocation: a desired wrench -> a command for each thruster, by the pseudo-inverse of the configuration matrix.
 
 A rank-deficient vehicle is normal (the Double Blueye has no pitch): of a wrench that thrusters cannot make, the
 least-squares part is made. Computed once when the block is built; nothing but mat-vecs is left for the loop.
@@ -77,7 +77,7 @@ class Allocation(Block):
         return memory, Allocated(command, made, rest, rest, limited)
 
     def __call__(self, tau: Array) -> tuple[Command, Array]:
-        """Command for a wanted wrench, and the wrench that it really asks for.
+        """Command for a desired wrench, and the wrench that it really asks for.
 
         Args:
             tau: Desired wrench, b at CO [N, N m], shape (6,).

@@ -55,7 +55,7 @@ class Ekf(Block):
     """Extended Kalman filter with the full 6-DOF model and bias states.
 
     Attributes:
-        model: What the filter believes the vehicle to be.
+        model: The vehicle as the filter assumes it.
         tuning: See `EkfTuning`.
         mounts: Sensors that do not sit at CO along the axes of b, by name: their readings are moved there with the
             attitude that the filter believes, whose error is not counted.

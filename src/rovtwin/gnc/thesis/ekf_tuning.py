@@ -1,4 +1,4 @@
-"""Tuning of the extended Kalman filter: what it believes of its sensors, of the disturbance and of its start."""
+"""Tuning of the extended Kalman filter: what it assumes of its sensors, of the disturbance and of its start."""
 
 from collections.abc import Mapping
 
@@ -23,7 +23,7 @@ SENSOR_STD = {name: SENSORS[name].std for name in STATES if name != "acceleromet
 """Usual standard deviation of the sensors that the filter takes in, per axis."""
 
 GATE = {"position": 27.6, "dvl": 30.7}
-"""Largest squared normalised innovation believed: chi-square of 2 and 3 degrees of freedom at a tail of 1e-6."""
+"""Largest squared normalised innovation accepted: chi-square of 2 and 3 degrees of freedom at a tail of 1e-6."""
 
 
 class EkfTuning(eqx.Module):
@@ -40,9 +40,9 @@ class EkfTuning(eqx.Module):
         thrust_noise: White noise of each thruster's force as a share of the force [sqrt(s)].
         gate: By sensor name, the squared normalised innovation (summed over the axes) beyond which a reading counts
             as an outlier; sensors that are not named are not gated.
-        patience: After so many readings of a sensor beyond its gate in a row, the next are believed: the filter errs.
+        patience: After so many readings of a sensor beyond its gate in a row, the next are accepted: the filter errs.
         max_age: Readings are compared with the state when they were taken, as far back as this [s]; a stamp further
-            off, or ahead of the filter's clock, is not believed and the reading counts as new.
+            off, or ahead of the filter's clock, is not used and the reading counts as new.
         pseudo_velocity: Whether the accelerometer enters as (7.7).
         thruster_lag: Whether the force follows the command through the thrusters' lag.
     """
@@ -111,7 +111,7 @@ class EkfTuning(eqx.Module):
         gate: Mapping[str, float] | None = None,
         max_age: float = 1.0,
     ) -> "EkfTuning":
-        """What the filter is told is what holds: sensors' real noise, a declared intensity of the disturbance.
+        """What the filter is given is what holds: sensors' real noise, a declared intensity of the disturbance.
 
         Heave and the moments are declared far worse known than the disturbance asks for. Through C(nu) nu they depend
         on u and v (a sideways drift makes a yaw moment, Munk's), and pressure, gyro and compass are so good that the

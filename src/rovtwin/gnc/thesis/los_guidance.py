@@ -183,7 +183,7 @@ def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Array) -> Setp
     phase = jnp.where(mode.mode == MODE_ABORTED, ABORTED, phase)
     going = phase == GO
 
-    # The way-point's speed, down or along the leg, seen from the wanted heading; the thesis's reference ignores it.
+    # The way-point's speed, down or along the leg, seen from the desired heading; the thesis's reference ignores it.
     crab = leg.alpha - eta[5]
     way = jnp.stack([going * jnp.cos(crab), going * jnp.sin(crab), 1.0 * (phase == DIVE)])
     nu = jnp.concatenate([leg.speed * way, jnp.zeros(3)])

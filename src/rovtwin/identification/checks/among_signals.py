@@ -112,7 +112,7 @@ def lags_of(record: Record) -> list[Lag]:
 def lag_of(pair: Pair) -> Lag | None:
     """Which of a pair is late against the other; None where neither is, or they agree no better so.
 
-    Velocity and position are compared through the attitude. Whichever of three agrees best is believed: in b, as if
+    Velocity and position are compared through the attitude. The one of three that agrees best is taken: in b, as if
     the attitude were on the clock of the position; in n, as if on that of the velocity; or both agree, and it is late.
     """
     first, second = pair.names

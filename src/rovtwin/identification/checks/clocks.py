@@ -19,9 +19,9 @@ from rovtwin.vehicle.physics.model import Model
 LAGS = np.round(np.arange(-2.0, 2.01, 0.1), 2)
 _EXPLAINED = 0.2  # share of an axis' acceleration that thrusters must explain before its lag counts
 _ROUGH = 0.35  # [s] by which a lag against the commands may be wrong
-_COARSE = 0.04  # [s] between rows, from which a slip by a row can be told from a clock
+_COARSE = 0.04  # [s] between rows, from which a slip by a row can be distinguished from a clock
 _ROWS = 6  # rows by which columns may have slipped
-_SMALLEST = 0.1  # [s] that is told
+_SMALLEST = 0.1  # [s] that is reported
 _ALIKE = 0.05  # share by which rows may explain less than a time: they come in steps
 _SIMPLER = 0.02  # share that one more wrong clock must explain
 _TURNING, _MOVING = ("attitude", "gyro"), ("velocity", "position", "depth")

@@ -15,7 +15,7 @@ from rovtwin.vehicle.physics.model import Model
 
 WIDTH = 0.6  # [s] of the kernel: places are noisy
 POOR, GOOD = 0.4, 0.75  # correlation with the commanded path below which it is none, from which it is one
-MOVED = 0.03  # [m/s] in the root of the mean square, below which nothing is told
+MOVED = 0.03  # [m/s] in the root of the mean square, below which nothing is reported
 # What may have happened to (north, east): undone by these matrices, the simpler ones first.
 _UNDONE = {
     "north and east are swapped": [[0.0, 1.0], [1.0, 0.0]],

@@ -25,10 +25,10 @@ _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 3
 # parts in a thousand moved estimates of clean tests by several widths (tests.identification.swap).
 _FORM = 0.003
 PUSHED = 0.05  # of the thrust, beyond which a push is a finding
-ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is told
+ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is reported
 _CLEAR = 3.0  # standard deviations from zero, beyond which an effect is named
 _MOVED = 0.5  # of a width, by which an effect moves a parameter that is named
-_BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is told
+_BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is reported
 
 
 def about_parts(vehicle: Vehicle, old: Vehicle | None) -> list[str]:
@@ -56,7 +56,7 @@ def about_water(vehicle: Vehicle, records: Sequence[Record]) -> list[str]:
 
 
 def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]:
-    """Whether its drag was told apart from the hull's, where it was looked for."""
+    """Whether its drag was distinguished from the hull's, where it was looked for."""
     lengths = sorted({r.tether_length for r in records if r.tether_length})
     if "tether.drag" not in parameters.names or len(lengths) > 1:
         return []

@@ -1,4 +1,4 @@
-"""What the evidence told, and what it could not: parameters and combinations of them, in words.
+"""What the evidence showed, and what it could not: parameters and combinations of them, in words.
 
 The information of the readings is held against the prior: a direction in which they add less than the prior knew
 already is one they cannot tell. Widths come from the sum of both.
@@ -16,8 +16,8 @@ from rovtwin.identification.joint.model.parameters import Parameters
 
 # Standard deviation after over before: below the first a parameter was learnt, above the second only the prior speaks.
 LEARNT, PRIOR_ONLY = 0.5, 0.9
-COARSE = 0.03  # relative standard deviation of the scale of all forces, beyond which it is told
-_TELLING = 1.0  # information over the prior's, below which a direction is not told by the readings
+COARSE = 0.03  # relative standard deviation of the scale of all forces, beyond which it is reported
+_TELLING = 1.0  # information over the prior's, below which a direction is not seen by the readings
 _NOTHING = 0.05  # below that they say nothing of it
 _LOADING = 0.3  # share of the largest component from which a parameter is named
 

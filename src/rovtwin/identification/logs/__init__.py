@@ -1,1 +1,1 @@
-"""What tests leave: recordings of any kind become `Record`s, told about by an evidence file."""
+"""What tests leave: recordings of any kind become `Record`s, described by an evidence file."""

@@ -58,7 +58,7 @@ class Record:
         t_command: When each command was given [s], shape (m,), increasing.
         command: Normalised thruster commands u, shape (m, n_thrusters), in the order of the vehicle's thrusters.
         signals: By a name of SIGNALS.
-        end: When the last command stops holding [s]; nothing later is believed.
+        end: When the last command stops holding [s]; nothing later is used.
         water_density: [kg/m3], or None where nobody said.
         tether_length: Paid out during the test [m], or None where nobody said.
         ballast: Known pieces added for this test.

@@ -53,7 +53,7 @@ class EmpiricalEstimate:
     """What the method says, medians of wide priors (see `priors`).
 
     Attributes:
-        outline: What it was told of the vehicle.
+        outline: What it was given of the vehicle.
         density: Of the water [kg/m3].
         added_mass: Surge to yaw, shape (6,) [kg, kg m2].
         quadratic_damping: Shape (6,) [N s2/m2, N m s2/rad2].

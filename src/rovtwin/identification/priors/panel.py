@@ -2,7 +2,7 @@
 
 Direct boundary integral method with capytaine's influence matrices, as its `method="direct"`: the indirect one is 3.5 %
 off on a sphere where this is 0.3 %. Two meshes give the limit of ever finer ones, and the numerical error. The larger
-error is what potential flow is not told: water caught in open frames, and how well the shapes stand for the vehicle.
+error is what potential flow does not know: water caught in open frames, and how well the shapes stand for the vehicle.
 
 References: Ancellin and Dias (2019), Capytaine: a Python-based linear potential flow solver, JOSS 4(36):1341; Newman
 (1977), Marine Hydrodynamics, ch. 4; walls by images: Lamb (1932), Hydrodynamics, art. 99 and 137.
@@ -236,7 +236,7 @@ def _solve(panels: Panels, density: float, walls: _Walls, step: Callable[[], Non
 def _influence(green: Any, mesh: Any, sources: Any, direct: bool) -> tuple[np.ndarray, np.ndarray]:
     """Single layer, and double layer (`direct`) or its adjoint, of a mesh or an image of it, in unbounded water."""
     options: dict[str, Any] = {"adjoint_double_layer": not direct}
-    # capytaine 2 sees itself whether a mesh acts on itself; 3 has to be told, and its `evaluate` forgets to pass it on.
+    # capytaine 2 sees itself whether a mesh acts on itself; 3 has to be asked, and its `evaluate` does not pass it on.
     if "diagonal_term_in_double_layer" in signature(green.evaluate_rankine_only).parameters:
         options["diagonal_term_in_double_layer"] = sources is mesh
     S, D = green.evaluate_rankine_only(mesh, sources, **options)

@@ -124,7 +124,7 @@ def surface_of(bodies: list[Solid], panel_size: float, least: int = LEAST) -> Pa
     # Flush in the eyes of a panel, whose middle lies inside a round face.
     _, double = _hidden(every, owner, bodies, 0.1 * panel_size)
     if double.any():
-        # Sources on two faces in one place cannot be told apart: the later part draws back a little.
+        # Sources on two faces in one place cannot be distinguished: the later part draws back a little.
         flush = set(owner[double].tolist())
         bodies = [replace(s, size=_DRAWN_BACK * s.size) if i in flush else s for i, s in enumerate(bodies)]
         every, owner = _joined(bodies, panel_size, least)

@@ -31,7 +31,7 @@ class DampingFit:
         rms: Of the residual force [N or N m].
         freedom: Degrees of freedom the noise was estimated with; infinite where it was declared and held.
         speeds: Smallest and largest |v| of the data, ahead then astern, shape (1, 2) or (2, 2).
-        notes: What a reader must know: terms that cannot be told apart, a coefficient on its bound, noise larger than
+        notes: What a reader must know: terms that cannot be separated, a coefficient on its bound, noise larger than
             declared.
     """
 

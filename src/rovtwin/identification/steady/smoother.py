@@ -166,7 +166,7 @@ def smooth(
         t: Times [s], shape (n,), increasing.
         value: Readings, shape (n,).
         angle: Readings are angles [rad] that may wrap; they are unwrapped stretch by stretch.
-        gap: Time between readings above which nothing is believed [s]; None takes 8 median steps, at least 0.5 s.
+        gap: Time between readings above which nothing is used [s]; None takes 8 median steps, at least 0.5 s.
         name: For messages.
 
     Raises:

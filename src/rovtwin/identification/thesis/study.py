@@ -36,7 +36,7 @@ class Study:
 
 
 def rederive(progress: Callable[[str], None] | None = None) -> Study:
-    """Derive every identification result of the thesis again; `progress` is told the title of each section done."""
+    """Derive every identification result of the thesis again; `progress` gets the title of each section done."""
     sections = []
     for make in SECTIONS:
         section = make()

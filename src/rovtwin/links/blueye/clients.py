@@ -2,7 +2,7 @@
 
 The protocol names the client in its watchdog and in requests to disconnect, but not in motion inputs. So a motion
 counts when the client in control feeds its watchdog, and when it comes from the same network address; two clients on
-one computer cannot be told apart.
+one computer cannot be distinguished.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ MOST = 16  # clients at a time; one more takes the place of the one that has bee
 
 @dataclass
 class Connected:
-    """A client: its id, what it says of itself, its network address and when it was heard last [s]."""
+    """A client: its id, what it says of itself, its network address and when it last sent [s]."""
 
     id: int
     client: Client

@@ -6,7 +6,7 @@ from typing import Any
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 
-TRIES = 5  # of a request that the SDK gives 50 ms, unless told otherwise
+TRIES = 5  # of a request that the SDK gives 50 ms, unless set otherwise
 
 
 def connect(

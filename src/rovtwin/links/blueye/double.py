@@ -21,7 +21,7 @@ LOST = 0.35  # silence of one drone after which neither is commanded [s]; with a
 
 
 class DoubleBlueyeLink(Link):
-    """Commands split, readings merged (`merge`), and neither drone thrusts when the other is not heard.
+    """Commands split, readings merged (`merge`), and neither drone thrusts when the other is silent.
 
     Thrusters are those of double_blueye: port surge, sway, heave, starboard surge, sway, heave. When one drone has been
     silent for 0.35 s, both get zero motion within another 0.05 s, for as long as that lasts: a vehicle with one half of
@@ -81,7 +81,7 @@ class DoubleBlueyeLink(Link):
 
     @property
     def age(self) -> float:
-        """Time since the drone that has been silent longer was heard [s]; infinite when it is lost or closed."""
+        """Time since the drone that has been silent longer sent anything [s]; infinite when it is lost or closed."""
         return max(self.ages)
 
     @property

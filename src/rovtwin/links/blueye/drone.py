@@ -12,7 +12,7 @@ from rovtwin.links.pilot_command import PilotCommand
 
 FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
-AFRESH = 0.5  # a pilot whose watchdog had run out lives again when it has been heard for so long [s]
+AFRESH = 0.5  # a pilot whose watchdog had run out lives again when it has sent for so long [s]
 STARTS = 5.0  # so long a mission waits for thrusters: the SDK feeds its first watchdog a second after connecting [s]
 AGAIN = 10.0  # between two notifications that somebody is not in control [s]
 DEAD = 0.02  # a stick within this is let go, as the vehicle's own controller has it
@@ -72,7 +72,7 @@ class Drone:
     dropped: int = 0  # messages that could not be parsed, or came from somebody who may not
     _refused_at: float = -math.inf  # when somebody was last notified of not being in control [s]
     _start_asked: float = -math.inf  # when a mission was to start before thrusters were on [s]
-    _afresh: float = -math.inf  # when the pilot was heard again after its watchdog had run out [s]
+    _afresh: float = -math.inf  # when the pilot sent again after its watchdog had run out [s]
 
     def still(self) -> None:
         """No motion, no modes and no mission, until somebody asks for them again."""
@@ -154,7 +154,7 @@ class Drone:
         return before != self.modes
 
     def _silence(self, now: float) -> float:
-        """Time since the pilot was heard [s]; infinite without one."""
+        """Time since the pilot sent anything [s]; infinite without one."""
         pilot = self.clients.pilot
         return now - pilot.last_at if pilot else math.inf
 

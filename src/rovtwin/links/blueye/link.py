@@ -145,7 +145,7 @@ class BlueyeLink(Link):
 
     @property
     def age(self) -> float:
-        """Time since the drone was last heard [s]; infinite for a link that is lost or closed."""
+        """Time since anything came from the drone [s]; infinite for a link that is lost or closed."""
         return math.inf if self._closed or self._error else max(0.0, self._timer() - self._last_at)
 
     def read(self) -> list[Measurement]:

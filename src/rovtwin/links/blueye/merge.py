@@ -15,7 +15,7 @@ from rovtwin.links.rotations import rotation_from_euler
 
 TOGETHER = 0.1  # readings further apart, or that waited longer for the other's, do not belong together [s]
 OUTDATED = 10.0  # age up to which a drone's battery and leak count beside the other's [s]
-JUMP = 1.0  # a reading that is older than the last by more is believed: the clock was set [s]
+JUMP = 1.0  # a reading that is older than the last by more is accepted: the clock was set [s]
 WAITING = 256  # readings of one sensor that wait at most
 STATES = ("battery", "leak")  # of the two together: the worse one
 SIDES = (0, 1)
@@ -41,7 +41,7 @@ class Merge:
         Args:
             streams: New readings of each drone, in order of arrival.
             now: Time by the clock of their stamps [s].
-            silent: Whether a drone has not been heard for a while: the other does not wait for it.
+            silent: Whether a drone has been silent for a while: the other does not wait for it.
         """
         arrived = sorted(((r, side) for side in SIDES for r in streams[side]), key=lambda pair: pair[0].t_valid)
         found: list[Measurement] = []

@@ -105,7 +105,7 @@ def _vector(vector: Any) -> list[float]:
 
 
 def _tracks(dvl: Any) -> bool:
-    """Whether a DVL's velocity is over ground: not through water, and enough beams see the floor if they are told."""
+    """Whether a DVL's velocity is over ground: not through water, and enough beams see the floor where given."""
     beams = sum(beam.beam_valid for beam in dvl.transducers)
     return not dvl.is_water_tracking and (not dvl.transducers or beams >= BEAMS)
 

@@ -23,7 +23,7 @@ from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 
-FIRST = 2  # of 127.0.0.x, which the drones get unless told otherwise
+FIRST = 2  # of 127.0.0.x, which the drones get unless set otherwise
 REPEAT = 0.05  # a command is repeated so often while the pilot lives [s]
 AT_MOST = 0.01  # and not more often than this, whatever a client sends [s]
 

@@ -1,4 +1,4 @@
-"""What an ArduSub decides: mode, armed or not, who is heard, when it lets go. No sockets; times are given."""
+"""What an ArduSub decides: mode, armed or not, who is connected, when it lets go. No sockets; times are given."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -136,7 +136,7 @@ class Autopilot:
         return True
 
     def check(self, now: float) -> None:
-        """Fail-safes: a pilot or a ground station that is not heard any more.
+        """Fail-safes: a pilot or a ground station that is silent.
 
         Sticks that came and ceased count in every mode, also in GUIDED; where none ever came, GUIDED does without.
         """
@@ -157,7 +157,7 @@ class Autopilot:
 
     @property
     def failing(self) -> bool:
-        """Whether a fail-safe acts: the pilot is not heard any more."""
+        """Whether a fail-safe acts: the pilot is silent."""
         return self.armed and self._neutral_reported
 
     def command(self, now: float) -> PilotCommand:

@@ -44,7 +44,7 @@ class Order:
         self._last: dict[str, float] = {}
 
     def forward(self, sensor: str, t: float, arrival: float) -> bool:
-        """Whether a reading is newer than the last of its sensor; one from long after it is believed again."""
+        """Whether a reading is newer than the last of its sensor; one from long after it is accepted again."""
         last = self._last.get(sensor, -math.inf)
         if last >= t > last - self._jump:  # late or twice
             return False

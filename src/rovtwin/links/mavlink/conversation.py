@@ -37,7 +37,7 @@ class Conversation:
         firmware: Major and minor version of the ArduSub whose behaviour this is.
         ignored: Messages that nobody here understands, by type: counted, and said once to whoever aims one at us.
         strangers: Systems whose sticks do not count and that know it.
-        elsewhere: Other components of the vehicle that were heard: they answer for themselves.
+        elsewhere: Other components of the vehicle that sent: they answer for themselves.
         uploading: Who sends the list that is under way.
     """
 
@@ -113,7 +113,7 @@ class Conversation:
         return build(self.scene, name) if name in MESSAGES else []
 
     def tell_once(self, system: int, severity: int, text: str) -> None:
-        """Say something that a client need not be told again; nothing new any more to whoever makes it say too much."""
+        """Say something that a client need not get again; nothing new any more to whoever makes it say too much."""
         if (system, text) not in self._texts and len(self._texts) < MOST_TEXTS:
             self._texts.add((system, text))
             self.autopilot.say(severity, text)
@@ -125,7 +125,7 @@ class Conversation:
         return [make(INFO, text.encode()) for text in (f"ArduSub V{version} (rovtwin)", "Frame: VECTORED_6DOF")]
 
     def steer(self, message: Any, axes: Any) -> bool:
-        """A pilot's input; a stranger is told once why it does not count."""
+        """A pilot's input; a stranger is informed once why it does not count."""
         system = message.get_srcSystem()
         taken = self.autopilot.steer(system, axes, self.clock())
         mine = int(self.autopilot.parameters["SYSID_MYGCS"])

@@ -67,7 +67,7 @@ class MavlinkLink(Link):
         readings: What is made of which message.
         rates: Messages that the vehicle is asked to send [Hz], added to RATES; 0 leaves one as it is.
         system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
-        target: The vehicle's system id, or None for the first that is heard.
+        target: The vehicle's system id, or None for the first that sends.
         gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None believes what the vehicle says.
         throttle_gain: The same up and down (JS_THR_GAIN); None believes what the vehicle says.
         firmware: Major and minor version of its ArduSub; None believes what the vehicle says.
@@ -76,7 +76,7 @@ class MavlinkLink(Link):
 
     Raises:
         LinkError: pymavlink is missing, or the port cannot be opened.
-        LinkTimeout: No vehicle is heard.
+        LinkTimeout: No vehicle sends.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class MavlinkLink(Link):
 
     @property
     def age(self) -> float:
-        """Since the autopilot was last heard [real s]; infinite for a link that is lost or closed."""
+        """Since anything came from the autopilot [real s]; infinite for a link that is lost or closed."""
         lost = self._closed or self._error is not None or bool(self._line.failure)
         return math.inf if lost else max(0.0, time.monotonic() - self._received_at)
 

@@ -1,4 +1,4 @@
-"""Who is connected to the endpoint: UDP addresses that were heard, and TCP connections."""
+"""Who is connected to the endpoint: UDP addresses that sent, and TCP connections."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ class Peer:
         write: Takes a frame; never blocks, drops what the other side does not take.
         encoder: Numbers the frames to this peer.
         schedule: Its telemetry.
-        heard_at: When it was last heard, real time [s].
+        received_at: When it last sent, real time [s].
         called: Whether it is the ground station that the endpoint calls by itself: kept however silent it is.
         close: Ends its connection; None over UDP, which has none.
     """

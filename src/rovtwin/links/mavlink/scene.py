@@ -26,7 +26,7 @@ class Scene:
     """The vehicle as telemetry sees it.
 
     Attributes:
-        latest: The newest reading of each sensor up to the batch that is told of now.
+        latest: The newest reading of each sensor up to the batch that is sent now.
         station: Its names and its time.
         drone: Its name in them.
         dialect: pymavlink's module.

@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 REPEAT = 0.05  # a command is repeated after this [s]; it holds for 0.3 s at the vehicle
 HEARTBEAT = 1.0  # [s], real time
-LEAK_REPEAT = 20.0  # a leak is told again after this, as ArduSub does [s]
+LEAK_REPEAT = 20.0  # a leak is reported again after this, as ArduSub does [s]
 SUBMARINE, ARDUPILOT = 12, 3  # MAV_TYPE, MAV_AUTOPILOT
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
 TEXT = 50  # bytes of a STATUSTEXT; a longer one comes in pieces

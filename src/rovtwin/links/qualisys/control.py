@@ -11,7 +11,7 @@ STREAMING = (CONNECTED, CAPTURE_STARTED, PLAYING)  # states in which there are f
 MASTER_ONLY = "You must be master to issue this command"
 PASSWORD = "password"  # which the vendor's examples give
 
-# (order, state) -> what QTM says, and the state that follows, which all are told as an event
+# (order, state) -> what QTM says, and the state that follows, sent to all as an event
 STEPS: dict[tuple[str, int], tuple[str, int]] = {
     **{("new", state): ("Creating new connection", CONNECTED) for state in (CLOSED, CAPTURE_STOPPED, PLAYING, PLAYED)},
     **{("close", state): ("Closing connection", CLOSED) for state in (CONNECTED, CAPTURE_STARTED, CAPTURE_STOPPED)},

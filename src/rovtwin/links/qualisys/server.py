@@ -164,7 +164,7 @@ class _Qtm:
         return self.control.release(who)
 
     def _obey(self, viewer: _Viewer, order: str, words: list[str]) -> bytes:
-        """An order to the measurement. What follows from it all clients are told, a little later."""
+        """An order to the measurement. What follows from it all clients get, a little later."""
         before = self.control.state
         answer = _answered(*self.control.obey(viewer.client.name, order, words))
         self._changed(before, f"{viewer.client.name} asked for {order}")

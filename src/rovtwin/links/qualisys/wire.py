@@ -102,7 +102,7 @@ def command_words(body: bytes) -> list[str]:
 
 
 def parse_components(words: Sequence[str]) -> tuple[str, ...]:
-    """Those of the wanted components that a twin has; `all` is all of them.
+    """Those of the desired components that a twin has; `all` is all of them.
 
     Raises:
         LinkError: None named, or one that QTM has not.

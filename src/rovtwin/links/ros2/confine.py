@@ -29,7 +29,7 @@ def confined(confine: bool) -> Iterator[None]:
     """Sockets that this process opens within the block hear the loopback interface only, if wanted.
 
     Raises:
-        LinkError: They cannot be confined, so others on the network would be heard.
+        LinkError: They cannot be confined, so others on the network would be let in.
     """
     before = open_sockets() if confine else {}
     yield

@@ -40,7 +40,7 @@ TOPICS: dict[str, tuple[type, Callable[..., listen.Readings]]] = {
     "battery": (msg.BatteryState, listen.battery),
     "leak": (msg.Bool, listen.leak),
 }
-# sensor -> topic it is heard on
+# sensor -> topic that it comes on
 SOURCES = {
     **{"position": "odometry", "dvl": "odometry", "attitude": "imu", "gyro": "imu", "accelerometer": "imu"},
     **{"pressure": "pressure", "altimeter": "altimeter", "battery": "battery", "leak": "leak"},
@@ -64,11 +64,11 @@ class Ros2Link(Link):
         clock: Times of readings are on it [s]. Where it runs faster than real it says so by an attribute `speed`. With
             `use_sim_time=True` it may be None: times are then simulated time itself (`sim_time`).
         wrench: tau [N, N m], b, shape (6,), of commands u, shape (n,), for a vehicle that takes forces.
-        sources: Topic on which each sensor is heard; an empty name mutes it. By default position and dvl come from
+        sources: Topic on which each sensor comes; an empty name mutes it. By default position and dvl come from
             `odometry`; where the vehicle has them as topics of their own: `{"position": "position", "dvl": "dvl"}`.
         names: Other names for topics, such as `{"imu": "imu/data"}`; with a slash in front from the root.
         use_sim_time: Whether stamps are of `/clock`, which is mapped to `clock` by its shortest delay of late; False:
-            of the host's clock; None: of whichever of the two they are near, `/clock` first where it is heard.
+            of the host's clock; None: of whichever of the two they are near, `/clock` first where it is received.
         tolerance: By how much a stamp may be off now before the message is refused [real s]. Stamps of zero mean now.
         water: How pressure becomes depth.
         domain, expose, middleware: See `open_transport`. A vehicle on another machine needs `expose`.
@@ -140,7 +140,7 @@ class Ros2Link(Link):
 
     @property
     def age(self) -> float:
-        """Since the vehicle was last heard, or the link opened [real s]; infinite for a link that is lost or closed."""
+        """Since anything came from the vehicle, or the link opened [real s]; infinite if lost or closed."""
         return math.inf if self._closed or self._error else max(0.0, self._timer() - self._received_at)
 
     def arm(self) -> None:
@@ -161,7 +161,7 @@ class Ros2Link(Link):
         """Readings since the last call.
 
         Raises:
-            LinkTimeout: The vehicle has been silent for 3 s, or was not heard within 10 s.
+            LinkTimeout: The vehicle has been silent for 3 s, or sent nothing within 10 s.
         """
         if self._closed:
             return []

@@ -22,7 +22,7 @@ def open_transport(
     Args:
         node: Name of the node.
         domain: 0 to 232; by default `ROS_DOMAIN_ID` of the environment, else 0.
-        expose: Whether other machines may take part; otherwise nothing leaves this one or is heard from another.
+        expose: Whether other machines may take part; otherwise nothing leaves this one or is received from another.
         middleware: `auto` takes rclpy where a ROS 2 is sourced (`ROS_DISTRO`), else cyclonedds, else rclpy.
 
     Raises:

@@ -9,13 +9,13 @@ from rovtwin.links.pilot_command import PilotCommand
 class Pilot:
     """One drone's client side. Times are of the host's steady clock [s].
 
-    The vehicle arms when `arm` says so and stays armed while its client is heard: the wrench, the way-point or `arm`
+    The vehicle arms when `arm` says so and stays armed while its client sends: the wrench, the way-point or `arm`
     must come again within `life`. A wrench overrides and forgets a way-point. When a client that steers by wrench falls
     silent, or all of them do, one disarmed command goes out; then `arm` must be sent anew.
 
     Attributes:
         drone: Its name.
-        life: How long what was heard counts [s].
+        life: How long what was received counts [s].
     """
 
     drone: str

@@ -20,7 +20,7 @@ from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 
 COMMAND_RATE = 20.0  # repeated a second (real time)
-# `arm` is heard first: a client that sends everything at once means it so.
+# `arm` is received first: a client that sends everything at once means it so.
 TOPICS_IN: dict[str, type] = {"arm": msg.Bool, "cmd_wrench": msg.WrenchStamped, "cmd_pose": msg.PoseStamped}
 # Cyclone, kept on this machine, is not found by nodes of Fast DDS that look for others on the network.
 _WHERE = {
@@ -48,7 +48,7 @@ class Ros2Server(Server):
         life: How long a wrench, a way-point or `arm` counts (real time) [s].
         water: How depth becomes pressure.
         std: Standard deviations of sensors by name, for covariances; those left out are unknown (zeros).
-        voltage: Of the battery [V]; without it no current is told.
+        voltage: Of the battery [V]; without it no current is reported.
         frame_prefix: Before `map`, `odom` and `base_link`, where several vehicles share `/tf`.
         tf: Whether `/tf` is published.
         middleware: See `open_transport`.

@@ -198,7 +198,7 @@ def _leave(number: int) -> None:
 
 
 def _config(expose: bool) -> str:
-    """What Cyclone is told; on an exposed domain a user's CYCLONEDDS_URI comes on top of it."""
+    """What Cyclone is set to; on an exposed domain a user's CYCLONEDDS_URI comes on top of it."""
     inside = _COMPATIBLE + ("" if expose else _LOOPBACK)
     ours = f"<CycloneDDS><Domain Id='any'>{inside}</Domain></CycloneDDS>"
     users = os.environ.get("CYCLONEDDS_URI", "") if expose else ""

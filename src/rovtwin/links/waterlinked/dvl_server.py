@@ -120,7 +120,7 @@ class DvlServer(Server):
 
 
 class _Dvl:
-    """The instrument: what it was told, and what it last saw."""
+    """The instrument: what it was sent, and what it last saw."""
 
     def __init__(self, options: DvlServer, station: Station):
         self.options, self.station = options, station
@@ -192,9 +192,9 @@ class _Dvl:
             self._tell(self._position())
 
     async def watch(self) -> None:
-        """A vehicle of which nothing is heard any more has no bottom lock either (real time).
+        """A vehicle of which nothing is received any more has no bottom lock either (real time).
 
-        Before it is heard at all nothing is told: its time does not run yet, and stamps would be wrong.
+        Before anything is received nothing is reported: its time does not run yet, and stamps would be wrong.
         """
         while True:
             seen = self._batches

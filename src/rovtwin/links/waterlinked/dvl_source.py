@@ -19,7 +19,7 @@ FASTEST = 20.0  # a velocity beyond it is nonsense [m/s]; the data sheet's range
 
 
 class DvlSource(BackgroundSource):
-    """Readings `dvl` (velocity over ground [m/s], shape (3,)) and, where wanted, `altimeter` ([m], shape (1,)).
+    """Readings `dvl` (velocity over ground [m/s], shape (3,)) and, where requested, `altimeter` ([m], shape (1,)).
 
     Only pings with bottom lock become readings; water tracking never does. Times are those of validity by the DVL's
     clock, mapped to ours.

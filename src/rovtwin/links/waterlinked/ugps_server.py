@@ -22,7 +22,7 @@ from rovtwin.links.waterlinked.web import MOST_CLIENTS, outcome, serving_pages
 PORT = 8080  # the kit itself has 80, which takes root to bind
 FIX_PERIOD = 0.25  # [s]: 4 Hz
 STALE = 2.0  # a position older than this is not valid any more [s]
-DEPTH_LIFE = 10.0  # a depth that a client told counts so long [s of real time]
+DEPTH_LIFE = 10.0  # a depth that a client sent counts so long [s of real time]
 # Of the receivers in the topside's frame [m]: corners of a square at 1 m depth. Chosen: the kit's own are configured.
 RECEIVERS = ((0.2, 0.2, 1.0), (0.2, -0.2, 1.0), (-0.2, 0.2, 1.0), (-0.2, -0.2, 1.0))
 
@@ -32,7 +32,7 @@ class UgpsServer(Server):
     """Speaks for an Underwater GPS G2 over HTTP.
 
     The acoustic position is the station's `position` seen from the topside unit, four times a second at most, its depth
-    what a client told last, else `pressure`. Filtered and raw are the same: noise and outliers are those of the
+    what a client sent last, else `pressure`. Filtered and raw are the same: noise and outliers are those of the
     vehicle's sensor.
 
     Args:
@@ -65,7 +65,7 @@ class UgpsServer(Server):
 
 
 class _Kit:
-    """The instrument: what it was told, and the last fix."""
+    """The instrument: what it was sent, and the last fix."""
 
     def __init__(self, options: UgpsServer, station: Station):
         self.options, self.station = options, station
@@ -182,7 +182,7 @@ class _Kit:
         return MapPosition(float(lat), float(lon), heading % 360.0, wire.NO_DATA, 0.0, 0.8, 12.0, 1.0)
 
     def _global(self) -> MapPosition:
-        """The locator: its acoustic position from where the kit believes the topside unit to be."""
+        """The locator: its acoustic position from where the kit has the topside unit."""
         master = self._master()
         fix = self.fix
         if fix is None:

@@ -1,4 +1,4 @@
-"""A served vehicle stepped from Python: wishes in, readings out, one vector each way."""
+"""A served vehicle stepped from Python: commands in, readings out, one vector each way."""
 
 from collections.abc import Mapping
 
@@ -16,7 +16,7 @@ MOCAP_STD = (1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3)  # of motion capture [m, rad]: 
 
 
 class ServedVehicle:
-    """A twin that obeys wishes, one control period after the other.
+    """A twin that obeys commands, one control period after the other.
 
     Attributes:
         drones: Names of what has electronics of its own; `("",)` for a vehicle that is one.
@@ -64,7 +64,7 @@ class ServedVehicle:
         return self.tick * self.dt
 
     def advance(self, commands: Mapping[str, PilotCommand]) -> list[Measurement]:
-        """One control period; drones without a wish have their thrusters off. What was measured within it."""
+        """One control period; drones without a command have their thrusters off. What was measured within it."""
         taken = self._idle.copy()
         for drone, command in commands.items():
             if drone in self._orders:

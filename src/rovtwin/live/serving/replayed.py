@@ -1,4 +1,4 @@
-"""A log as a vehicle to be served: what it measured comes again, wishes move nothing."""
+"""A log as a vehicle to be served: what it measured comes again, commands move nothing."""
 
 from collections.abc import Mapping
 from dataclasses import replace

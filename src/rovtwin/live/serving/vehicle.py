@@ -27,7 +27,7 @@ MODEL_BASED = ModelBasedSection(type="model_based")  # whose filter stands for t
 
 
 class ServedMemory(eqx.Module):
-    """Memories of the parts, the readings of the last tick, and what thrusters were told."""
+    """Memories of the parts, the readings of the last tick, and what thrusters were sent."""
 
     twin: Any
     filter: Any
@@ -43,7 +43,7 @@ class ServedOutput(eqx.Module):
     Attributes:
         state: Truth at its end.
         measurements: Readings delivered within it, those of imus along the axes of b; a drone's as `port/attitude`.
-        estimate: What the vehicle's own filter believes, before it.
+        estimate: The estimate of the vehicle's own filter, before it.
         command: Of all thrusters during it.
         tau: Wrench that each drone's controller asked for, b at the drone [N, N m], by drone, shape (6,).
     """

@@ -128,10 +128,10 @@ def naive(score: Any) -> float:
 
 
 def excitation(result: Any) -> list[str]:
-    """Per parameter, what the tests did for it: not moved, moved but not separable from others, told.
+    """Per parameter, what the tests did for it: not moved, moved but not separable from others, informed.
 
     Information of the readings with all other parameters known says whether a parameter was excited at all; what is
-    left of it when they are unknown too says whether it was told apart.
+    left of it when they are unknown too says whether it was distinguished.
     """
     n = len(result.verdicts)
     if result.solution is None:

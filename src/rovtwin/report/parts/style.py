@@ -3,7 +3,7 @@
 Figures are made with matplotlib's objects (`Figure`, never `pyplot`) and without touching `rcParams`: there is no
 global state, so that reports can be drawn in any thread.
 
-The colours are those of Okabe and Ito (2008), Color Universal Design, told apart with every kind of colour vision. One
+The colours are those of Okabe and Ito (2008), Color Universal Design, for every kind of colour vision. One
 meaning keeps one colour and one line style in all figures, so that they also read in black and white.
 """
 

@@ -1,4 +1,4 @@
-"""Picture of a planned test: what thrusters are told, where the vehicle goes in its tank, what is learnt."""
+"""Picture of a planned test: what thrusters are sent, where the vehicle goes in its tank, what is learnt."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Figures of forces: thrusters against their limits, the wanted wrench, and disturbances."""
+"""Figures of forces: thrusters against their limits, the desired wrench, and disturbances."""
 
 from typing import Any
 
@@ -42,7 +42,7 @@ _WRENCH = ("$X$ [N]", "$Y$ [N]", "$Z$ [N]", "$K$ [N m]", "$M$ [N m]", "$N$ [N m]
 
 
 def forces(flight: Flight) -> Figure:
-    """Force of each thruster between its limits, and the wrench that the controller wanted."""
+    """Force of each thruster between its limits, and the wrench that the controller asked for."""
     thrust, tau = flight.get("truth/thrust"), flight.get("autopilot/tau")
     axes_used = [] if tau is None else [k for k in range(6) if np.nanmax(np.abs(tau.values[:, k]), initial=0.0) > 1e-9]
     columns = [n for n in (0 if thrust is None else len(thrust.channel.fields), len(axes_used)) if n]
@@ -137,7 +137,7 @@ def _joined(spans: np.ndarray, gap: float) -> list[tuple[float, float]]:
 
 
 def disturbance(flight: Flight) -> Figure:
-    """The disturbance that the observer believes in, beside the true external wrench."""
+    """The disturbance that the observer estimates, beside the true external wrench."""
     labels = (("North force [N]", "Roll moment [N m]"), ("East force [N]", "Pitch moment [N m]"),
               ("Down force [N]", "Yaw moment [N m]"))  # fmt: skip
     sheet = panels(flight, labels, height=1.35)

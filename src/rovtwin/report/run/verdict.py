@@ -125,7 +125,7 @@ def _about_decisions(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _kind(one: Mapping[str, Any]) -> str:
-    """What is the same in what is said of it each time; stalls are told apart by whether thrusters may be weak."""
+    """What is the same in what is said of it each time; stalls are distinguished by whether thrusters may be weak."""
     if one["what"].startswith("no headway"):
         return f"no headway {'thrusters that give less' in one['cause']}"
     return f"{one['what']} ({one['cause']})"
@@ -159,7 +159,7 @@ def _about_position(summary: Mapping[str, Any], good: bool) -> str:
 
 
 def overconfident(summary: Mapping[str, Any]) -> str:
-    """That the filter's errors are larger than it believes, where its NEES lies above its interval; else nothing."""
+    """That errors are larger than the filter's covariance says, where NEES lies above its interval; else nothing."""
     mean, interval = _one(summary.get("nees_position_mean")), _numbers(summary.get("nees_position_interval"))
     if mean is None or not np.isfinite(mean) or mean <= (interval or (1.0, 4.0))[1]:
         return ""

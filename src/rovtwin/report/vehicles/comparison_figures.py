@@ -16,7 +16,7 @@ _DASHES = ("-", (0, (5, 2)), (0, (2, 1.5)), (0, (6, 2, 1, 2)))
 
 
 def look(k: int) -> dict[str, Any]:
-    """Colour and dashes of the k-th file: told apart in black and white too."""
+    """Colour and dashes of the k-th file: distinguished in black and white too."""
     return {"color": SERIES[k % len(SERIES)], "linestyle": _DASHES[k % len(_DASHES)], "linewidth": 1.4}
 
 

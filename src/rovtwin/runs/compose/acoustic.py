@@ -1,4 +1,4 @@
-"""What a filter is told of an acoustic position whose errors last: white noise that says as little.
+"""What a filter is given of an acoustic position whose errors last: white noise that says as little.
 
 A filter that hears an error of time constant tau many times in that time, and takes it for white noise, believes the
 place too well. White noise has the same weight at the filter's frequencies when its variance per reading is

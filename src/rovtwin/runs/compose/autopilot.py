@@ -127,7 +127,7 @@ def navigation_filter(section: ModelBasedSection, model: Model, sensors: dict[st
 
 
 def _biases(sensors: dict[str, Sensor]) -> dict[str, float]:
-    """What the filter is told of the biases of inertial sensors that are worse than table 5.7's."""
+    """What the filter is given for the biases of inertial sensors that are worse than table 5.7's."""
     biases: dict[str, float] = {}
     for sensor in sensors.values():
         if sensor.kind in LEAST_BIAS:

@@ -45,7 +45,7 @@ class Simulation:
         loop: Autopilot and twin.
         key: Seeds all randomness of the run.
         start: Where it begins.
-        model: What the autopilot believes; the plant is `loop.twin.model`.
+        model: The autopilot's; the plant is `loop.twin.model`.
         thruster_names, sensor_names, battery_names: For the log; batteries only if they are simulated.
         vehicle: Its description.
         faults: What breaks and when, for the report.
@@ -86,7 +86,7 @@ class Simulation:
 
     @cached_property
     def white_sensors(self) -> dict[str, Sensor]:
-        """The sensors with white noise in place of errors that last: what is told of them to whom knows no other."""
+        """The sensors with white noise in place of errors that last: what those get who know no other."""
         walk = VehicleScales.of(self.model).force_walk
         return {name: as_white(one, self.model, walk) for name, one in self.loop.twin.sensors.items()}
 

@@ -145,7 +145,7 @@ def _steps(section: StepsSection, dt: float) -> list[Piece]:
 
 
 def _pull(section: StepsSection | DoubletsSection, axis: str, values: np.ndarray, detail: str = "") -> Piece:
-    """One axis is told values; the others are held as the section says."""
+    """One axis gets values; the others are held as the section says."""
     share = np.zeros((len(values), 6))
     share[:, AXES.index(axis)] = values
     hold = _held(section)

@@ -38,7 +38,7 @@ class ExperimentScales:
 
     @classmethod
     def of(cls, model: Model) -> "ExperimentScales":
-        """Of the vehicle as it is believed to be."""
+        """Of the vehicle as it is assumed to be."""
         scales = VehicleScales.of(model)
         able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
         able &= scales.acceleration > 0.0

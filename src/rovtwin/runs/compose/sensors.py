@@ -156,7 +156,7 @@ def changes_of(section: SensorSection) -> dict[str, Any]:
 
 
 def mount_of(sensor: Sensor) -> Mount:
-    """A sensor as observers know it; one without noise is believed as far as one of its kind is."""
+    """A sensor as observers know it; one without noise counts as good as one of its kind."""
     noise = np.asarray(sensor.noise)
     std = np.where(noise > 0.0, noise, SENSORS[sensor.kind].std)
     return Mount(float(std[0]) if np.all(std == std[0]) else std, sensor.lever, sensor.rotation)

@@ -40,7 +40,7 @@ class Filming:
         scenario: Its `cameras`.
         vehicle: That carries them.
         folder: Of the run.
-        film: Whether films are wanted.
+        film: Whether films are recorded.
 
     Raises:
         ConfigError: The scenario has no cameras, or a scene or camera is not there.

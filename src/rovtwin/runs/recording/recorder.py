@@ -12,7 +12,7 @@ from rovtwin.runs.scoring.scores import Flown
 from rovtwin.scenario.schema import Scenario
 
 Write = Callable[[str, np.ndarray, np.ndarray], None]  # channel, times, samples
-NOT_IN_TESTS = (  # there is no filter, no path and no wanted force
+NOT_IN_TESTS = (  # there is no filter, no path and no desired force
     *("autopilot/bias", "autopilot/std", "autopilot/nis", "autopilot/nis_dof"),
     *("autopilot/reference", "autopilot/leg", "autopilot/tau", "autopilot/saturated"),
 )

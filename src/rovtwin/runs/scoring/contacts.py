@@ -16,8 +16,8 @@ from rovtwin.runs.scoring.scores import Flown
 from rovtwin.simulation.environment.world import World
 from rovtwin.vehicle import Model
 
-TOGETHER = 1.0  # touches with less than that between them are told as one [s]
-LISTED = 3  # touches of one thing that are told by their times, the longest first
+TOGETHER = 1.0  # touches with less than that between them are reported as one [s]
+LISTED = 3  # touches of one thing that are reported by their times, the longest first
 FIT = "identify knows no such force and takes it for the vehicle's own: test in more water, or with shorter steps"
 
 

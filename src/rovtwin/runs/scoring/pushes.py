@@ -1,6 +1,6 @@
 """What pushes a vehicle off its way, in words: a current, or thrusters that do not give what was asked of them.
 
-What an autopilot feels as a disturbing force is told as the current whose drag is that force. A thruster that is dead,
+What an autopilot feels as a disturbing force is given as the current whose drag is that force. A thruster that is dead,
 reversed or fouled feels the same: unless the water is known, as in the twin, both are named.
 """
 
@@ -14,13 +14,13 @@ from rovtwin.vehicle import Model
 from rovtwin.vehicle.analysis.stability import steady_speed
 
 FELT = 0.02  # current from which it is worth a word [m/s]
-OTHERWISE = 0.25  # share of the believed current by which the water's own may differ from it
+OTHERWISE = 0.25  # share of the estimated current by which the water's own may differ from it
 WEIGHS = 1e-3  # of the weight: a vertical force that is worth a word
 THRUSTERS = "thrusters that give less than they should (dead, reversed, fouled)"
 
 
 def pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
-    """The disturbance that the autopilot believes in, as a force and as the current whose drag it is, or thrusters."""
+    """The disturbance that the autopilot estimates, as a force and as the current whose drag it is, or thrusters."""
     force, current = disturbance(flown, rows, model)
     speed = float(np.hypot(*current))
     if speed < FELT:
@@ -48,7 +48,7 @@ def _water(flown: Flown, rows: np.ndarray) -> np.ndarray | None:
 
 
 def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
-    """Whether the water, waves and tethers push as the autopilot believes; None where nobody knows.
+    """Whether the water, waves and tethers push as the autopilot estimates; None where nobody knows.
 
     But for a quarter, or for twice the standard error of waves' mean force over this time, which a filter lags behind.
     """
@@ -91,7 +91,7 @@ def _others(force: np.ndarray, flown: Flown, rows: np.ndarray) -> str:
 
 
 def lifted(flown: Flown, rows: np.ndarray, model: Model) -> str:
-    """The vertical force that the autopilot believes in: weight or buoyancy, or thrusters that do not give it."""
+    """The vertical force that the autopilot estimates: weight or buoyancy, or thrusters that do not give it."""
     if flown.bias is None:
         return ""
     force = float(flown.bias[rows, 2].mean())

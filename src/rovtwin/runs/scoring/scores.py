@@ -33,10 +33,10 @@ class Flown:
         saturated: Every control tick, whether any thruster was at its limit, shape (m,).
         duration: From arming to the end [s].
         energy: Taken from the batteries [J]; None where none are simulated.
-        health: What the autopilot believes each thruster gives, shape (n, n_thrusters); None where nobody asked it.
+        health: What each thruster gives, as the autopilot estimates it, shape (n, n_thrusters); None where unknown.
         reference: Pose that the controller was given, shape (n, 6); None where nobody kept it.
         setpoint: Pose that guidance asked for, tau: wrench that the controller asked for, bias: disturbance that the
-            filter believed in (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
+            filter estimated (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
         water: Velocity of the water at CO, n [m/s], shape (n, 3); None where nobody knows it.
         outside: Wrench of waves, their drift and tethers at CO, b, shape (n, 6); None where nobody knows it.
         progress: One of core.flow.PROGRESS, as a number, shape (n,); None where nobody kept it.

@@ -76,7 +76,7 @@ def not_finished(flown: Flown, simulation: Simulation) -> str:
 
 
 def altitude_error(flown: Flown, scenario: Scenario) -> float | None:
-    """Rms of altitude less the wanted one [m], on legs and holds whose way-point has one; None where none has."""
+    """Rms of altitude less the desired one [m], on legs and holds whose way-point has one; None where none has."""
     desired = np.array([w.altitude or 0.0 for w in scenario.waypoints])
     floor = scenario.world.floor
     if floor is None or not desired.any():

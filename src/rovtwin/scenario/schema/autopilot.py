@@ -57,7 +57,7 @@ class ThesisSection(Strict):
 
 
 class NavigationSection(Strict):
-    """What the error-state filter believes; what is left out has the default of `gnc.navigation.tuning`."""
+    """What the error-state filter assumes; what is left out has the default of `gnc.navigation.tuning`."""
 
     force_walk: Positive | None = Field(default=None, description="random walk of the disturbance force [N/sqrt(s)]")
     force_std: Positive | None = Field(default=None, description="disturbance force at the start [N]")

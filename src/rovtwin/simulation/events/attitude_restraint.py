@@ -27,7 +27,7 @@ class AttitudeRestraint(eqx.Module):
         """Wrench of the hand at time t [s], b at CO [N, N m], shape (6,)."""
         holding = (self.spans[:, 0] <= t) & (t < self.spans[:, 1])
         desired = jnp.sum(jnp.where(holding[:, None, None], self.R_nb, 0.0), axis=0)
-        # Rotation from the wanted attitude: the skew part of R_wanted' R, exact in direction.
+        # Rotation from the desired attitude: the skew part of R_desired' R, exact in direction.
         R = desired.T @ rotation_from_quaternion(state.attitude)
         turned = 0.5 * jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
         w = self.frequency

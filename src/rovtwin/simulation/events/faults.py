@@ -27,7 +27,7 @@ class ThrusterFault:
 
     Attributes:
         kind: "dead": no force. "weak": a share of the force. "reversed": the command's sign is turned round. "stuck":
-            the command it had when the fault came, or `command`, whatever it is told.
+            the command it had when the fault came, or `command`, whatever it is sent.
         thrusters: Their numbers.
         start: From when on [s]; it holds from the first control tick that begins then or later.
         end: Until when [s]; inf: for good.
@@ -44,7 +44,7 @@ class ThrusterFault:
 
 
 class FaultInput(eqx.Module):
-    """What the thrusters are told in control tick k, an int that is never batched."""
+    """What the thrusters are sent in control tick k, an int that is never batched."""
 
     command: Command
     k: Array | int

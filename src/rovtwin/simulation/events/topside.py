@@ -54,7 +54,7 @@ class Topside(eqx.Module):
         )
 
     def at(self, t: Array, dt: float) -> tuple[Host, Array, Array]:
-        """What the host knows at time t [s], the request of a tick of dt seconds, int, and the pilot's wish, (4,)."""
+        """What the host knows at time t [s], the request of a tick of dt seconds, int, the pilot's command, (4,)."""
         host = Host(_age(self.link, t), _age(self.operator, t), jnp.where(_age(self.late, t) > 0.0, LATE, 0.0))
         now = jnp.round(self.times / dt) == jnp.round(t / dt)
         request, command = jnp.asarray(NO_REQUEST), jnp.zeros(4)

@@ -3,8 +3,8 @@
 A short antenna hangs from a boat at n's origin. It measures the range well and the bearing badly, and errors of both
 last for many fixes. At times no fix is valid; such gaps are more frequent and longer far away, and the bearing after
 one may be off for a few seconds. Fitted on 24 minutes of a Water Linked G2 by docs/scripts/ugps_errors.py. An error
-that lasts longer than half a minute cannot be told from the vehicle's own motion there: a constant misalignment of the
-antenna is not in the model.
+that lasts longer than half a minute cannot be distinguished from the vehicle's own motion there: a constant
+misalignment of the antenna is not in the model.
 """
 
 import equinox as eqx

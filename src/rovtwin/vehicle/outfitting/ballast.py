@@ -1,14 +1,14 @@
-"""Which foam or lead to put where: the least mass of pieces that gives a wanted net buoyancy, level trim and BG.
+"""Which foam or lead to put where: the least mass of pieces that gives a desired net buoyancy, level trim and BG.
 
 A piece of mass x at p displaces s x of water, s = rho / its density. With m, V, r_g, r_b of the vehicle, m' = m + sum x
-its mass afterwards and n = N / g the wanted net buoyancy as a mass, the pieces must give
+its mass afterwards and n = N / g the desired net buoyancy as a mass, the pieces must give
 
     sum (s - 1) x             = n - (rho V - m)                         net buoyancy
     sum (1 - s) x (p_x, p_y)  = -(m r_g - rho V r_b)_xy                 no moment about CO when level
     (m z_g + sum x p_z) / m' - (rho V z_b + sum s x p_z) / (m' + n)     = BG
 
 The last is linear in x for a given m' only. So for a given m' two linear programmes say between which heights BG can
-be; the answer is the least m' at which the wanted one is among them, found by bracketing. A vertex of the programme
+be; the answer is the least m' at which the desired one is among them, found by bracketing. A vertex of the programme
 has no more pieces than equations: four at most. Plain NumPy and SciPy.
 
 Reference: Fossen (2021), eq. 4.6 (restoring wrench).
@@ -147,7 +147,7 @@ def _amounts(total: Assembly, target: BallastTarget, stock: Stock) -> np.ndarray
 
 
 def _least_mass(total: Assembly, target: BallastTarget, stock: Stock, least: float) -> float | None:
-    """Least mass of pieces, `least` [kg] or more, with which the wanted BG can be reached; None where there is none."""
+    """Least mass of pieces, `least` [kg] or more, with which the desired BG can be reached; None if there is none."""
     from scipy.optimize import brentq
 
     height = float(target.metacentric_height or 0.0)
@@ -181,7 +181,7 @@ def _extreme(total: Assembly, target: BallastTarget, stock: Stock, added: float,
 
 
 def _balance(total: Assembly, target: BallastTarget, stock: Stock) -> tuple[np.ndarray, np.ndarray]:
-    """A, b of the wishes but BG, A x = b, shapes (1 or 3, 2 k) and (1 or 3,)."""
+    """A, b of the targets but BG, A x = b, shapes (1 or 3, 2 k) and (1 or 3,)."""
     mass, water = total.solid.mass, total.density * total.volume
     wet = 1.0 - total.density / stock.densities  # what a kilogram of it weighs in water [kg]
     rows, right = [-wet], [_net(total, target) - (water - mass)]
@@ -262,7 +262,7 @@ def _with(total: Assembly, stock: Stock, x: np.ndarray) -> Floating:
 
 
 def _why_not(total: Assembly, target: BallastTarget, stock: Stock) -> str:
-    """The first wish that cannot be met, and what can be reached instead."""
+    """The first target that cannot be met, and what can be reached instead."""
     limit = f"with {_counted(stock.places)} and at most {stock.most:.3g} kg of pieces"
     fix = "allow more mass (--max-mass) or other places (--at)"
     buoyant = replace(target, level=False, metacentric_height=None)
@@ -286,7 +286,7 @@ def _why_not(total: Assembly, target: BallastTarget, stock: Stock) -> str:
 
 
 def _most_level(total: Assembly, target: BallastTarget, stock: Stock) -> np.ndarray:
-    """Amounts that leave the least moment, |x| + |y| of it, with the net buoyancy as wished."""
+    """Amounts that leave the least moment, |x| + |y| of it, with the net buoyancy as requested."""
     A, b = _balance(total, target, stock)
     slack = np.zeros((3, 4))
     slack[1:] = [[1, -1, 0, 0], [0, 0, 1, -1]]

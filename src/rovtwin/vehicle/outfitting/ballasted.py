@@ -55,7 +55,7 @@ def ballast(
         target: What it should be like.
         materials: What there is.
         water_density: Of the water it should float in [kg/m3]; None: that of the file.
-        step: Pieces are rounded to this [kg]; None: they are exact, and what rounding to `STEP` does is told.
+        step: Pieces are rounded to this [kg]; None: they are exact, and what rounding to `STEP` does is reported.
         out: File to write; must not exist.
         command: What the file's first line says it was made by.
 
@@ -63,7 +63,7 @@ def ballast(
         JSON-serialisable: target, pieces, before, after, rounded (None where they are), file.
 
     Raises:
-        ConfigError: Nothing asked for, a wish out of reach (with what is in reach), or a file that is in the way.
+        ConfigError: Nothing asked for, a target out of reach (with what is in reach), or a file that is in the way.
     """
     _require_sense(target)
     if out is not None:
@@ -121,7 +121,7 @@ def figures(vehicle: Vehicle, density: float) -> dict[str, Any]:
 
 
 def _notes(target: BallastTarget, before: dict[str, Any], after: dict[str, Any]) -> list[str]:
-    """What the wish left open, or asked for and may not have meant."""
+    """What the target left open, or asked for and may not have meant."""
     found = []
     if after["righting_stiffness_Nm_per_rad"] <= 0:
         found.append("it capsizes: no righting moment is left; ask for a BG with --bg")

@@ -153,7 +153,7 @@ def trimming(before: Vehicle, after: Vehicle, net_buoyancy: float | None = None)
     Args:
         before: The vehicle as it was.
         after: The changed one.
-        net_buoyancy: That is wanted, positive floats [N]; None: that of before.
+        net_buoyancy: The requested one, positive floats [N]; None: that of before.
 
     Raises:
         ConfigError: No pieces do it.

@@ -65,7 +65,7 @@ def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: np.ndarray) -> Hull | No
 
 
 def _tilted(shares: np.ndarray, points: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Shares that grow linearly towards where the centre is wanted; as they were where some would be negative."""
+    """Shares that grow linearly towards where the centre should be; as they were where some would be negative."""
     about = points - shares @ points
     spread = (shares[:, None] * about).T @ about
     slope = np.linalg.lstsq(spread, center - shares @ points, rcond=None)[0]

@@ -109,7 +109,7 @@ def _interpolate(grid: Array, table: Array, u: Array) -> Array:
 
 
 def command_for_force(thrusters: Thrusters, force: Array) -> Array:
-    """Command that settles at the wanted force, shape (n,): the inverse of `static_force` for sound thrusters.
+    """Command that settles at the desired force, shape (n,): the inverse of `static_force` for sound thrusters.
 
     Forces beyond the limits give +-1; zero force gives zero command, any other one that clears the dead band.
     Health is not undone here: an autopilot does not know of a fault unless its model says so.

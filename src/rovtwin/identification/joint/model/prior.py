@@ -49,7 +49,7 @@ COMMON: dict[str, float] = {
     "thrusters.*.exponent": 0.5,
 }
 LOST = 0.3  # share of the thrust at top speed, one standard deviation
-_SLOWEST, _FASTEST = 0.1, 5.0  # top speeds that are believed [m/s]
+_SLOWEST, _FASTEST = 0.1, 5.0  # top speeds that are plausible [m/s]
 _WAYS = ("value", "sd", "factor", "common")
 
 

@@ -50,7 +50,7 @@ class _Lone:
 
     @property
     def key(self) -> tuple[float, ...]:
-        """The same of two bodies of which neither could be told from the other."""
+        """The same of two bodies of which neither could be distinguished from the other."""
         return (float(self.shaped), *np.round([*self.solid.placement.position, *self.added_mass, *self.displaced], 9))
 
 

@@ -1,6 +1,6 @@
 """What an error of scale, common to all positions of a test, does to the estimate.
 
-Positions from printed markers are as long as the prints are believed to be. No reading shows it: everything fits as
+Positions from printed markers are as long as the prints are assumed to be. No reading shows it: everything fits as
 well, at speeds and accelerations that are 1 % off. It is no noise, and more readings do not make it smaller, so that it
 is left out of the sum of squares, and what it moves is added to the covariance (a consider parameter).
 

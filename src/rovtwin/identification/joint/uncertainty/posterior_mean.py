@@ -130,7 +130,7 @@ def _shares_of_unsure_units(
         alone = covariance[i, i] - covariance[i, k] ** 2 / covariance[k, k]  # where D_ii is what it is
         measured = max(1.0 / alone - before, 0.0)
         total = before + measured * np.exp(x)
-        seen = theta[i] * (before + measured) - before * problem.prior.mean[i]  # told times what the readings say
+        seen = theta[i] * (before + measured) - before * problem.prior.mean[i]  # measured times what the readings say
         given = (np.exp(0.5 * x) * seen + before * problem.prior.mean[i]) / total
         mean = float(p @ given)
         found[i] = (mean, _longer_side(p, given, total**-0.5, mean) ** 2)

@@ -1,4 +1,4 @@
-"""From tables to a Record: columns picked, units and frames turned, what cannot be believed left out and said."""
+"""From tables to a Record: columns picked, units and frames turned, what cannot be right left out and reported."""
 
 from dataclasses import dataclass, replace
 from typing import TypeVar

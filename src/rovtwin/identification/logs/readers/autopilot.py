@@ -1,4 +1,4 @@
-"""What logs of autopilots have in common: servo outputs become commands, and only what can be believed is used."""
+"""What logs of autopilots have in common: servo outputs become commands, and only what is valid is used."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -102,7 +102,7 @@ def board_deg(parameters: dict[str, float]) -> list[float]:
 
 
 def armed_changes(t: np.ndarray, armed: np.ndarray) -> list[tuple[float, bool]]:
-    """When a state that is told again and again changed [s], as `stretches` takes it.
+    """When a state that is sent again and again changed [s], as `stretches` takes it.
 
     Args:
         t: Times [s], shape (n,), n >= 1.

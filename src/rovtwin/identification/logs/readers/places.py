@@ -1,4 +1,4 @@
-"""Places and speeds of what autopilots are told: latitude and longitude, steps of a DVL or of visual odometry."""
+"""Places and speeds of what autopilots are sent: latitude and longitude, steps of a DVL or of visual odometry."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The way from files to Records: format told, file read, clocks joined, cut to what can be believed."""
+"""The way from files to Records: format found, file read, clocks joined, cut to what is valid."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -234,7 +234,7 @@ def _record(name: str, part: Part, spec: LogSpec, origin: float, density: float 
 
 
 def _cut(record: Record, spec: LogSpec, last: float) -> Record:
-    """Between the commands and within the signals, or as the spec says; a command held beyond is not believed."""
+    """Between the commands and within the signals, or as the spec says; a command held beyond is not used."""
     first = min(signal.t[0] for signal in record.signals.values())
     if isinstance(spec.span, list):
         start, end = max(spec.span[0], record.start), min(spec.span[1], record.end)

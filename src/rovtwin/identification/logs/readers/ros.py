@@ -22,7 +22,7 @@ _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
 
 
 def read_rosbag(path: Path, thrusters: list[str]) -> Raw:
-    """Tables of all topics of numbers, and the signals and commands that can be told from their types."""
+    """Tables of all topics of numbers, and the signals and commands that follow from their types."""
     require("rosbags", "ros", f"{path}: a ROS bag")
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore

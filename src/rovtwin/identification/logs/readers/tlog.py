@@ -96,7 +96,7 @@ def read_tlog(path: Path, vehicle: Vehicle) -> Raw:
 
 
 def _autopilot(components: dict[tuple[int, int], _Component], path: Path, notes: list[str]) -> _Component:
-    """The autopilot that said most, with what other computers of its vehicle told it."""
+    """The autopilot that sent most, with what other computers of its vehicle sent it."""
     autopilots = {who: autopilot for who, autopilot in components.items() if autopilot.flies}
     if not autopilots:
         kinds = {name for autopilot in components.values() for name in autopilot.rows}

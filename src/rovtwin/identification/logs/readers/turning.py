@@ -7,7 +7,7 @@ import numpy as np
 TURNING = 0.05  # command beyond which a thruster turns; ESCs leave about 25 of 400 us out
 BEFORE, AFTER = 1.0, 5.0  # kept around it: how it begins, and how the motion dies [s]
 SHORTEST = 2.0  # [s]
-GAP = 1.0  # longest that a command is believed to hold between two rows, at least [s]
+GAP = 1.0  # longest that a command is assumed to hold between two rows, at least [s]
 
 
 @dataclass(frozen=True)
