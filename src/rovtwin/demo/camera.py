@@ -87,7 +87,7 @@ def film_and_identify(folder: Path, progress: Callable[[str], None] = lambda wha
 
 
 def guessed(vehicle: Vehicle) -> Vehicle:
-    """The vehicle as somebody believes it to be who has never tested it: wrong in surge."""
+    """The vehicle as described before any test: wrong in surge."""
     data = vehicle.to_dict()
     water = dict(data["hydrodynamics"])
     for name, factor in WRONG.items():

@@ -1,7 +1,7 @@
 """Experiment: identification tests flown open loop, a time-line of thruster commands beside simple holding.
 
 It reads sensors directly, as the thesis's scripts did (3.4.3): depth and heading are held by PIDs, the excited axes are
-told shares a of the full command in [-1, 1]. What pulls depends on the vehicle's geometry alone, because the thrust
+sent shares a of the full command in [-1, 1]. What pulls depends on the vehicle's geometry alone, because the thrust
 curve is among what the test should find; only the gains of holding are placed from the vehicle as it is assumed to be.
 """
 

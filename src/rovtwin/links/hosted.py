@@ -153,7 +153,7 @@ class HostedLink(Link):
             return
         self.stop()
         self._closed = True
-        self._pipe.close()  # the host stops and closes the link when it sees this, whatever it has heard
+        self._pipe.close()  # the host stops and closes the link when it sees this, whatever it has received
         self._process.join(ENDING)
         if self._process.is_alive():
             self._process.kill()

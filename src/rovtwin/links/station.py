@@ -18,7 +18,7 @@ class Station:
     - `<drone>/force`: forces that the drone gives: surge, sway, heave [N], roll, pitch, yaw [N m], shape (6,)
     - `thrusters`: commands that its thrusters have, normalised, shape (n,)
     - `mocap`: pose as motion capture sees it, n and zyx Euler angles, shape (6,)
-    - `estimate`: what the vehicle itself believes: eta, nu, shape (12,)
+    - `estimate`: the vehicle's own estimate: eta, nu, shape (12,)
 
     Attributes:
         drones: Names; `("",)` for a vehicle that is one.

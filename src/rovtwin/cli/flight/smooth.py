@@ -1,4 +1,4 @@
-"""rovtwin smooth: the track of a finished run, with all its readings heard."""
+"""rovtwin smooth: the track of a finished run, from all its readings."""
 
 from pathlib import Path
 from typing import Annotated

@@ -58,7 +58,7 @@ class Ekf(Block):
         model: The vehicle as the filter assumes it.
         tuning: See `EkfTuning`.
         mounts: Sensors that do not sit at CO along the axes of b, by name: their readings are moved there with the
-            attitude that the filter believes, whose error is not counted.
+            attitude of the filter, whose error is not counted.
     """
 
     model: Model

@@ -114,7 +114,7 @@ class Contents:
         return None if altitude is None else readings.altitude_telemetry(altitude[0])
 
     def _PositionEstimate(self) -> Any:
-        """What the vehicle believes itself, as a drone does; of a vehicle that believes nothing, what it measures."""
+        """The vehicle's own estimate, as a drone sends it; of a vehicle without one, what it measures."""
         own = self._value("estimate")
         if own is not None:
             place, heading = own[:2], own[5]

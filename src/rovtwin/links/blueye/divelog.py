@@ -17,7 +17,7 @@ SUBMERGED = 0.25  # depth from which it is a dive [m], http-api.yml
 
 
 class DiveLog:
-    """What a drone has told.
+    """What a drone has sent.
 
     Attributes:
         name: Serial number, hardware id and number of the dive.

@@ -22,7 +22,7 @@ REASON = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allo
 
 @dataclass(frozen=True)
 class HttpRequest:
-    """Method, host (empty if not told) and path of a request."""
+    """Method, host (empty if not given) and path of a request."""
 
     method: str
     host: str

@@ -133,7 +133,7 @@ class BlueyeLink(Link):
 
     def _take_over(self, pilot: Any) -> bool:
         """Hear and command through the pilot's connection; False when the link was closed meanwhile."""
-        with self._taking:  # what the observer heard last says that we are not in control
+        with self._taking:  # what the observer received last says that we are not in control
             if self._closed:
                 return False
             observer, callback = self._drone, self._callback

@@ -61,7 +61,7 @@ class Autopilot:
             return False
         if not self.armed:
             self.armed, self._armed_by = True, by
-            # Both fail-safes count from here: an ArduSub that never heard anybody would not let go at all.
+            # Both fail-safes count from here: an ArduSub that never received anything would not let go at all.
             self._input_at = self._received_at = now
             self._let_go()
             self.say(INFO, "Arming motors")

@@ -18,7 +18,7 @@ class BootClock:
     def __init__(self, speed: float = 1.0) -> None:
         self._speed = speed
         self._offset = math.nan
-        self._last = -math.inf  # boot time heard last
+        self._last = -math.inf  # boot time received last
         self._before, self._now, self._since = math.inf, math.inf, 0.0  # smallest of two half windows
 
     def host_time(self, boot: float, arrival: float) -> float:

@@ -68,9 +68,9 @@ class MavlinkLink(Link):
         rates: Messages that the vehicle is asked to send [Hz], added to RATES; 0 leaves one as it is.
         system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
         target: The vehicle's system id, or None for the first that sends.
-        gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None believes what the vehicle says.
-        throttle_gain: The same up and down (JS_THR_GAIN); None believes what the vehicle says.
-        firmware: Major and minor version of its ArduSub; None believes what the vehicle says.
+        gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None takes what the vehicle reports.
+        throttle_gain: The same up and down (JS_THR_GAIN); None takes what the vehicle reports.
+        firmware: Major and minor version of its ArduSub; None takes what the vehicle reports.
         time_limit: For the first heartbeat, and for each answer while arming [s], which takes 8 s at most.
         baud: Of a serial port.
 

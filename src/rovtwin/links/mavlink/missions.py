@@ -1,4 +1,4 @@
-"""The lists that clients upload, a mission and a fence: they are kept and told, the mission is not flown here.
+"""The lists that clients upload, a mission and a fence: they are kept and sent, the mission is not flown here.
 
 The protocol is MAVLink's: a count, items asked for one after the other, an acknowledgement. A list takes the place of
 the one before when it is whole and right, not sooner.

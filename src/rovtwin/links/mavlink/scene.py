@@ -15,7 +15,7 @@ from rovtwin.links.mavlink.guided import Place
 from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.links.station import Station
 
-FIX_LASTS = 4.0  # a position is a fix for so long, as ArduPilot believes a GPS [s]
+FIX_LASTS = 4.0  # a position is a fix for so long, as ArduPilot trusts a GPS [s]
 SMOOTHED, JUDGED = 5.0, 2.0  # cut-off of the mean and of the deviation that ArduPilot calls vibration [Hz]
 
 Home = tuple[float, float, float]  # latitude, longitude [deg], height over the ellipsoid [m]
@@ -110,7 +110,7 @@ class Scene:
         return None
 
     def down(self) -> float:
-        """Depth of the vehicle [m]: of the pressure sensor, else of what it believes, else 0."""
+        """Depth of the vehicle [m]: of the pressure sensor, else of its estimate, else 0."""
         pressure, place = self.reading("pressure"), self.place()
         return float(pressure.value[0]) if pressure is not None else (place[2] if place else 0.0)
 

@@ -8,7 +8,7 @@ from rovtwin.links.mavlink.pilot import EXTENDED_SINCE, Sticks, sticks_of_axes
 from rovtwin.links.mavlink.wire import number
 
 GAIN, THROTTLE = "JS_GAIN_DEFAULT", "JS_THR_GAIN"
-IN_FORCE = "PilotGain"  # what buttons have made of the gain, told all the time
+IN_FORCE = "PilotGain"  # what buttons have made of the gain, sent all the time
 LEAST_GAIN, MOST_THROTTLE = 0.05, 10.0  # what is beyond them is no gain
 CHANGED = 0.01  # of a gain: a smaller change is none
 

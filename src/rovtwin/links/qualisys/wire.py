@@ -76,7 +76,7 @@ def split_packets(data: bytes, longest: int = LONGEST_PACKET) -> tuple[list[byte
 
 
 def _check_components(packet: bytes) -> None:
-    """A frame announces no more components than it holds: the vendor's client believes it."""
+    """A frame announces no more components than it holds: the vendor's client relies on it."""
     if HEADER.unpack_from(packet)[1] != DATA:
         return
     if len(packet) < HEADER.size + FRAME.size:

@@ -26,7 +26,7 @@ _MAPPED, _ONE = "0000000000000000FFFF0000", "00000000000000000000000001000000"  
 
 @contextmanager
 def confined(confine: bool) -> Iterator[None]:
-    """Sockets that this process opens within the block hear the loopback interface only, if wanted.
+    """Sockets that this process opens within the block receive from the loopback interface only, if `confine`.
 
     Raises:
         LinkError: They cannot be confined, so others on the network would be let in.

@@ -101,7 +101,7 @@ def altimeter(message: msg.PointStamped) -> Readings:
 
 
 def battery(message: msg.BatteryState) -> Readings:
-    """Charge (0 to 1) and power [W]; a power of 0 where voltage or current are not told."""
+    """Charge (0 to 1) and power [W]; a power of 0 where voltage or current are not given."""
     (charge,) = finite("percentage", [message.percentage])
     if not -0.001 <= charge <= 1.001:
         raise LinkError(f"percentage: found {charge}, expected a share from 0 to 1")

@@ -108,7 +108,7 @@ def check_namespace(namespace: str) -> str:
 
 
 class _Serving:
-    """A server that runs: from the station's readings to topics, and from topics to wishes."""
+    """A server that runs: from the station's readings to topics, and from topics to commands."""
 
     def __init__(self, server: Ros2Server, station: Station, transport: Transport):
         self.server, self.station, self.transport = server, station, transport

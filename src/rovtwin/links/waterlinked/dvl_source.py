@@ -29,7 +29,7 @@ class DvlSource(BackgroundSource):
         port: Its TCP port.
         clock: Our clock [s].
         rotation: How far the DVL's forward axis is turned clockwise, seen from above, from that of the frame that is
-            wanted [rad]. For a DVL that knows its mounting offset, or an autopilot that knows the sensor's: 0.
+            desired [rad]. For a DVL that knows its mounting offset, or an autopilot that knows the sensor's: 0.
         altimeter: Whether altitudes become readings too.
 
     Raises:

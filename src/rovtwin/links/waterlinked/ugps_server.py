@@ -111,7 +111,7 @@ class _Kit:
             return 200, outcome()
         if known:
             return 405, outcome(
-                f"{request.method[:20]}: the twin's kit is read here, and told what {wire.BASE}/external has"
+                f"{request.method[:20]}: the twin's kit is read here, and set by what {wire.BASE}/external has"
             )
         return 404, outcome("the twin's kit has no such page; it has " + ", ".join(self._gets))
 

@@ -16,7 +16,7 @@ from rovtwin.links.waterlinked.ugps_wire import AcousticPosition
 
 PORT = 80
 PATIENCE = 2.0  # for one whole request [s]
-DEPTH_LIFE = 2.0  # a depth older than this is not told any more [s]
+DEPTH_LIFE = 2.0  # a depth older than this is not sent any more [s]
 
 
 class UgpsSource(BackgroundSource):

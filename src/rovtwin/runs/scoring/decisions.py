@@ -40,7 +40,7 @@ def decisions(
 
 
 def without_headway(flown: Flown, scenario: Scenario, model: Model) -> list[dict[str, Any]]:
-    """Stalls, each told when it had lasted so long that it counted as one."""
+    """Stalls, each reported when it had lasted so long that it counted as one."""
     return [
         _one(
             stall.start + stall.patience,

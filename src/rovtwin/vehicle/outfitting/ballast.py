@@ -202,7 +202,7 @@ def _height(total: Assembly, target: BallastTarget, stock: Stock, added: float) 
 
 
 def _net(total: Assembly, target: BallastTarget) -> float:
-    """The wanted net buoyancy as a mass [kg]."""
+    """The desired net buoyancy as a mass [kg]."""
     if target.net_buoyancy is None:
         return total.density * total.volume - total.solid.mass
     return target.net_buoyancy / GRAVITY
