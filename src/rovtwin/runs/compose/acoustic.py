@@ -1,7 +1,8 @@
 """What a filter is given of an acoustic position whose errors last: white noise that says as little.
 
-A filter that gets an error of time constant tau many times in that time, and takes it for white noise, takes the
-place for better known than it is. White noise has the same weight at the filter's frequencies when its variance per reading is
+A filter that gets an error of time constant tau many times in that time, and takes it for white noise, takes the place
+for better known than it is. White noise has the same weight at the filter's frequencies when its variance per reading
+is
 
     R = f 2 sigma^2 tau / (1 + omega tau),
 
