@@ -366,7 +366,7 @@ def autopilot(observer: Block) -> Example:
     return Example(block, AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46)))
 
 
-def trial() -> Example:
+def experiment() -> Example:
     """A pull that ends before the ticks do; heave and yaw are held."""
     hold = jnp.tile(jnp.asarray([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]), (2, 1))
     number = jnp.arange(2)
@@ -471,7 +471,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "simulation.vehicle_firmware.Onboard": onboard,
     "simulation.vehicle_firmware.Sense": sense,
     "gnc.control.tracking.Tracking": tracking,
-    "gnc.experiment.Experiment": trial,
+    "gnc.experiment.Experiment": experiment,
     "positioning.ekf.MarkerEkf": marker_filter,
     "positioning.luenberger.MarkerLuenberger": marker_observer,
     "positioning.luenberger.MarkerLuenberger: as printed": lambda: marker_observer(as_printed=True),

@@ -8,8 +8,15 @@ from rovtwin.core.log import Channel, LogWriter
 from rovtwin.vehicle import load_vehicle
 
 VEHICLE = "double_blueye"
-TRIAL = {"manoeuvre": 1, "of": 2, "what": "hand", "remaining": 2.4, "cue": "TILT IT, thrusters are off", "hand": True}
-TRIAL |= {"t": 12.0, "duration": 20.0, "running": True, "ended": ""}
+EXPERIMENT = {
+    "manoeuvre": 1,
+    "of": 2,
+    "what": "hand",
+    "remaining": 2.4,
+    "cue": "TILT IT, thrusters are off",
+    "hand": True,
+}
+EXPERIMENT |= {"t": 12.0, "duration": 20.0, "running": True, "ended": ""}
 TEST = {"name": "mixed", "description": "Two things.", "duration": 20.0, "by_hand": ["BY HAND: 30 deg"]}
 TEST["manoeuvres"] = [
     {"what": "steps surge", "start": 0.0, "end": 10.0, "pieces": []},
@@ -35,12 +42,12 @@ def panel(open_views):
     page = open_views("identify")
     send(page, kind="setup", test=TEST)
     send(page, kind="rights", may=True)
-    send(page, kind="state", armed=True, trial=TRIAL)
+    send(page, kind="state", armed=True, experiment=EXPERIMENT)
     return page
 
 
 def test_operator_sees_what_to_do_and_how_far_the_test_is(panel):
-    assert panel.inner_text("#cue") == TRIAL["cue"] and panel.locator("#cue.hand").count() == 1
+    assert panel.inner_text("#cue") == EXPERIMENT["cue"] and panel.locator("#cue.hand").count() == 1
     assert panel.inner_text("#cue-left") == "hand: 2 s left, 8 s of the test"
     assert panel.locator("li[aria-current=step]").inner_text().startswith("2. release")
     assert panel.locator("progress").evaluate_all("all => all.map(one => one.value / one.max)") == [1.0, 0.2]
@@ -49,7 +56,7 @@ def test_operator_sees_what_to_do_and_how_far_the_test_is(panel):
 def test_start_and_abort_are_offered_when_they_can_be_obeyed(panel):
     assert panel.is_disabled("#start") and panel.is_enabled("#abort")
     panel.click("#abort")
-    send(panel, kind="state", armed=True, trial=TRIAL | {"running": False})
+    send(panel, kind="state", armed=True, experiment=EXPERIMENT | {"running": False})
     assert panel.is_enabled("#start") and panel.is_disabled("#abort")
     panel.click("#start")
     assert panel.evaluate("sent") == [{"do": "abort"}, {"do": "start"}]

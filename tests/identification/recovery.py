@@ -19,7 +19,7 @@ from rovtwin.identification.joint.model.catalogue import catalogue, choose
 from rovtwin.identification.joint.model.couplings import BOTH_WAYS, SKEW
 from rovtwin.identification.joint.model.parameters import DIRECTIONS
 from rovtwin.identification.steady.free_running import NU, free_running
-from rovtwin.planning.records import trial_records
+from rovtwin.planning.records import experiment_records
 from rovtwin.runs.loop import stack
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -59,11 +59,11 @@ def force(model, axis, speeds):
     return np.array([float(damping_wrench(model, v * np.eye(6)[axis])[axis]) for v in speeds])
 
 
-def trial(seed, scenario="test_steps_thesis"):
+def recovery(seed, scenario="test_steps_thesis"):
     """Errors of one recovery, in per cent."""
     truth = truth_of(seed)
     vehicle = with_thrust(load_vehicle("double_blueye"), "linear")
-    records = trial_records(load_scenario(scenario), stack([truth]), (seed,))[0]
+    records = experiment_records(load_scenario(scenario), stack([truth]), (seed,))[0]
     full = 2 * float(truth.thrusters.force_ahead[0])
     pull = full * (1 + PULL * np.random.default_rng(100 + seed).standard_normal())
     anchor = {"bollard": {"direction": "surge", "force": pull, "sd": PULL * full}}
@@ -122,7 +122,7 @@ def main():
     parser.add_argument("--scenario", default="test_steps_thesis")
     args = parser.parse_args()
     for seed in args.seeds:
-        print(json.dumps(trial(seed, args.scenario), indent=1), flush=True)
+        print(json.dumps(recovery(seed, args.scenario), indent=1), flush=True)
 
 
 if __name__ == "__main__":

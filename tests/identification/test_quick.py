@@ -5,7 +5,7 @@ import pytest
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.quick import BIASED, Quick
-from rovtwin.planning.records import trial_records
+from rovtwin.planning.records import experiment_records
 from rovtwin.runs.loop import stack
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
@@ -67,4 +67,4 @@ def flown(quick, seed):
     exponents = [i for i, name in enumerate(quick.parameters.names) if name.endswith(".exponent")]
     truth[exponents] = np.abs(truth[exponents])
     plant = stack([quick.parameters.model_at(truth)[0]])
-    return truth, trial_records(load_scenario("test_mixed", (), None), plant, (1,))[0]
+    return truth, experiment_records(load_scenario("test_mixed", (), None), plant, (1,))[0]

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from tests.identification.recovery import trial
+from tests.identification.recovery import recovery
 
 
 @pytest.mark.slow
 def test_a_wrong_thrust_shape_and_one_pull_of_two_per_cent_are_enough():
     """Beyond the error of the pull itself, which every force shares: drag 3 %, added mass 5 and 10 %, thrust 3 %."""
-    found = trial(1)
+    found = recovery(1)
     pull = found["pull_error"]
     assert np.max(np.abs(np.array(list(found["drag"].values())) - pull)) < 1.0
     assert max(abs(found["drag"][d]) for d in found["drag"]) < 3.0

@@ -8,7 +8,7 @@ import pytest
 from rovtwin.identification.experiment.choice import variance_ratio
 from rovtwin.identification.identify import identify
 from rovtwin.planning.experiments import SIGNALS, plan_tests
-from rovtwin.planning.records import trial_records
+from rovtwin.planning.records import experiment_records
 from rovtwin.planning.tank import Tank
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
@@ -26,7 +26,7 @@ def identified(scenario):
         update={name: getattr(scenario.sensors, name).model_copy(update={"noise": s}) for name, s in NOISE.items()}
     )
     quick = scenario.rates.model_copy(update={"physics": 100})
-    (records,) = trial_records(scenario.model_copy(update={"sensors": sensors, "rates": quick}), seeds=[1])
+    (records,) = experiment_records(scenario.model_copy(update={"sensors": sensors, "rates": quick}), seeds=[1])
     seen = [replace(r, signals={name: r.signals[name] for name in SIGNALS}) for r in records]
     return identify(load_vehicle("double_blueye"), seen, anchors=PULLS)
 

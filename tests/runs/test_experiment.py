@@ -20,7 +20,7 @@ from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.identification.logs.rotations import euler_from_matrices
-from rovtwin.planning.records import _signal, free_spans, trial_records
+from rovtwin.planning.records import _signal, experiment_records, free_spans
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.run.verdict import verdict
 from rovtwin.runs.compose.composition import compose
@@ -71,7 +71,7 @@ def flight(scenario, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def records(scenario):
-    return trial_records(scenario, seeds=[1, 2])
+    return experiment_records(scenario, seeds=[1, 2])
 
 
 def during(log, what, channel):
@@ -245,7 +245,7 @@ def _euler(R):
 def test_vehicles_side_by_side_have_noise_and_parameters_of_their_own(scenario, records):
     model = load_vehicle("double_blueye").model()
     plants = stack([model, perturbed(model, jax.random.key(3), 0.3, 1.2, 0.8)])
-    first, other = trial_records(scenario, plants, seeds=[1, 2])
+    first, other = experiment_records(scenario, plants, seeds=[1, 2])
     assert first[0].command == pytest.approx(records[0][0].command, abs=1e-9), "the same vehicle and seed"
     assert np.abs(records[0][0].signals["depth"].value - records[1][0].signals["depth"].value).std() < 0.01
     away = other[0].signals["horizontal"].value - records[1][0].signals["horizontal"].value
@@ -278,8 +278,8 @@ def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name,
         assert not able.any() or (name == "free_running_sway" and "sway is left out" in str(error))
         return
     vehicle = load_vehicle(reference)
-    trial = experiment_of(scenario, model, vehicle, sensors_of(scenario, vehicle))
-    excited = np.abs(np.asarray(trial.timeline.share)).max(axis=0) > 0
+    experiment = experiment_of(scenario, model, vehicle, sensors_of(scenario, vehicle))
+    excited = np.abs(np.asarray(experiment.timeline.share)).max(axis=0) > 0
     assert not excited[~able].any()
     assert spans_of(scenario)[-1]["end"] <= scenario.duration
     for axis in {"surge", "sway", "heave"} - {("surge", "sway", "heave")[i] for i in range(3) if able[i]}:
@@ -352,9 +352,9 @@ def test_mistakes_are_reported(manoeuvres, more, message):
 
 def test_a_mission_is_no_test_and_a_test_has_no_scores(scenario):
     with pytest.raises(ConfigError, match="is a mission, expected a test"):
-        trial_records(load_scenario("square"))
+        experiment_records(load_scenario("square"))
     with pytest.raises(ConfigError, match="2 plants for 1 seeds"):
-        trial_records(scenario, stack([load_vehicle("double_blueye").model()] * 2), seeds=[1])
+        experiment_records(scenario, stack([load_vehicle("double_blueye").model()] * 2), seeds=[1])
     result = CliRunner().invoke(app, ["score", "test_mixed"])
     assert isinstance(result.exception, ConfigError) and "has no scores" in str(result.exception)
 
@@ -363,4 +363,4 @@ def test_a_mission_is_no_test_and_a_test_has_no_scores(scenario):
 def test_a_depth_limit_ends_a_test():
     deep = short(autopilot={"supervisor": {"depth_limit": 2.9}})  # it starts at 3 m
     with pytest.raises(ConfigError, match=r"short, seed 1: aborted after 0 s \(depth limit\)"):
-        trial_records(deep, seeds=[1, 2])
+        experiment_records(deep, seeds=[1, 2])

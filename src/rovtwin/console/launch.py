@@ -57,10 +57,10 @@ def running(place: Place) -> Running | None:
 def require_free(host: str, port: int) -> None:
     """Raise ConfigError where a page cannot be served at an address, as where another console is there."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with socket.socket(family, socket.SOCK_STREAM) as attempt:
+        attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            trial.bind((host, port))
+            attempt.bind((host, port))
         except OSError as error:
             raise ConfigError(
                 f"{host}:{port}: cannot be served at ({error.strerror}). Is a console there already? Open its page, or "

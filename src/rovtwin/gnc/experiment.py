@@ -158,7 +158,7 @@ class Experiment(Block):
         supervisor: Supervisor | None = None,
         mounts: dict[str, Mount] | None = None,
     ) -> "Experiment":
-        """A trial of a vehicle; its forces are used by what is held, and by nothing else."""
+        """An experiment on a vehicle; its forces are used by what is held, and by nothing else."""
         mix, gains = as_array(mixing(model)), HoldingGains.of(model)
         return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {})
 

@@ -26,12 +26,12 @@ from rovtwin.vehicle import Model
 CHUNK = 10.0  # simulated time between looks from outside [s]
 
 
-def trial_logs(scenario: Scenario, seeds: Sequence[int] = (1,)) -> list[Log]:
+def experiment_logs(scenario: Scenario, seeds: Sequence[int] = (1,)) -> list[Log]:
     """Logs of a test flown with several seeds, in memory, compiled once; the same as `rovtwin fly` writes."""
     return [fly(scenario.model_copy(update={"seed": seed})).log for seed in seeds]
 
 
-def trial_records(
+def experiment_records(
     scenario: Scenario,
     plants: Model | None = None,
     seeds: Sequence[int] = (1,),

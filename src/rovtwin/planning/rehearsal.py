@@ -67,9 +67,9 @@ def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
     """
     run, dt = compose(scenarios[0]), scenarios[0].control_dt
     loop = eqx.tree_at(lambda one: one.twin.sensors, run.loop, _exact(run.loop.twin.sensors))
-    trials = [experiment_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
-    counts = [int(trial.timeline.count) for trial in trials]
-    tests = (_stacked(trials), _hands(scenarios))
+    experiments = [experiment_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
+    counts = [int(experiment.timeline.count) for experiment in experiments]
+    tests = (_stacked(experiments), _hands(scenarios))
     memories = _begin(loop, tests, run.key, run.start, control_dt=dt)
     ticks, kept = ticks_in(CHUNK, dt), []
     for k in range(0, max(counts), ticks):
@@ -96,22 +96,22 @@ def _exact(sensors: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _stacked(trials: list[Experiment]) -> Experiment:
+def _stacked(experiments: list[Experiment]) -> Experiment:
     """With time-lines as long as the longest."""
-    longest = max(len(trial.timeline.row) for trial in trials)
-    rows = max(len(trial.timeline.on) for trial in trials)
+    longest = max(len(experiment.timeline.row) for experiment in experiments)
+    rows = max(len(experiment.timeline.on) for experiment in experiments)
 
     def padded(leaf: Array, size: int) -> Array:
         return jnp.pad(leaf, [(0, size - leaf.shape[0])] + [(0, 0)] * (leaf.ndim - 1))
 
-    def even(trial: Experiment) -> Experiment:
-        line = trial.timeline
+    def even(experiment: Experiment) -> Experiment:
+        line = experiment.timeline
         ticks = [padded(leaf, longest) for leaf in (line.share, line.row)]
         others = [padded(leaf, rows) for leaf in (line.hold, line.keep, line.on, line.manoeuvre, line.phase)]
         names = ("share", "row", "hold", "keep", "on", "manoeuvre", "phase")
-        return eqx.tree_at(lambda t: [getattr(t.timeline, n) for n in names], trial, ticks + others)
+        return eqx.tree_at(lambda t: [getattr(t.timeline, n) for n in names], experiment, ticks + others)
 
-    return stack([even(trial) for trial in trials])
+    return stack([even(experiment) for experiment in experiments])
 
 
 def _hands(scenarios: Sequence[Scenario]) -> AttitudeRestraint:
@@ -129,8 +129,8 @@ def _hands(scenarios: Sequence[Scenario]) -> AttitudeRestraint:
 
 
 def _with_test(loop: Loop, test: tuple[Experiment, AttitudeRestraint]) -> Loop:
-    trial, hand = test
-    return Loop(trial, eqx.tree_at(lambda twin: twin.hand, loop.twin, hand, is_leaf=lambda x: x is None))
+    experiment, hand = test
+    return Loop(experiment, eqx.tree_at(lambda twin: twin.hand, loop.twin, hand, is_leaf=lambda x: x is None))
 
 
 @partial(jax.jit, static_argnames="control_dt")

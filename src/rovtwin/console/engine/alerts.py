@@ -76,7 +76,7 @@ def _of_supervisor(state: dict[str, Any]) -> list[Alert]:
     if not reason or reason not in REMEDIES:
         return []
     cause, remedy = REMEDIES[reason]
-    if state.get("trial"):  # which knows no Hold
+    if state.get("experiment"):  # which knows no Hold
         remedy = "put right what is wrong, then Start flies the test anew"
     grave = state["phase"] in (PHASES[i] for i in (7, 11, 12)) and reason != REASONS[OPERATOR]
     level = "danger" if grave else "warning"

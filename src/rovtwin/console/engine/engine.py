@@ -339,7 +339,7 @@ class Engine:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
         state |= ticker.report(self.count) | {"resumable": ticker.vessel.helm.can_resume}
         if self.test is not None:
-            state |= {"trial": self.test.report(), "progress": min(self.test.time / self.test.duration, 1.0)}
+            state |= {"experiment": self.test.report(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if ticker.vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         if (news := self._changes.of(state["phase"], state["reason"], state["gives_up_heading"])) is not None:

@@ -143,9 +143,9 @@ function show(facts, state, arm) {
   const [[a, b], [, c]] = state.ellipse ?? [[NaN, NaN], [NaN, NaN]];
   const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
   const age = most(Math.min, ofKind(state, 'position').map(reading => reading.age));
-  if (state.trial) facts.position('no data');
+  if (state.experiment) facts.position('no data');
   else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
-  facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));
+  facts.nis(...(state.experiment ? ['none in a test', ''] : worst(state.nis)));
   facts.progress(onMission(state) ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
 }

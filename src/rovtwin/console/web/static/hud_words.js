@@ -42,16 +42,16 @@ function thrust({stopped, hung, armed, arming}) {
 }
 
 /** Whether way-points mean anything: nothing of a mission is flown before its start, after it, or by hand. */
-export const onMission = ({count, phase, trial}) => Boolean(count) && (Boolean(trial) || !OFF_MISSION.has(phase));
+export const onMission = ({count, phase, experiment}) => Boolean(count) && (Boolean(experiment) || !OFF_MISSION.has(phase));
 
 /** `waypoint` counts from 0, people from 1. */
 function progress(state) {
-  const {count, waypoint, to_go, trial} = state;
+  const {count, waypoint, to_go, experiment} = state;
   if (!onMission(state)) return [];
-  if (trial) {
+  if (experiment) {
     return [
-      {text: `manoeuvre ${trial.manoeuvre + 1} of ${trial.of}`, small: true},
-      {text: trial.running ? lasting(trial.remaining) : ''},
+      {text: `manoeuvre ${experiment.manoeuvre + 1} of ${experiment.of}`, small: true},
+      {text: experiment.running ? lasting(experiment.remaining) : ''},
     ];
   }
   return [

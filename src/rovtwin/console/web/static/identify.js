@@ -20,9 +20,9 @@ function manoeuvres(test) {
     make('span', {class: 'identify-what'}, `${i + 1}. ${one.what}`),
     make('span', {class: 'muted'}, lasting(one.end - one.start)),
     make('progress', {max: one.end - one.start, value: 0, 'aria-label': `Progress of ${one.what}`})));
-  const show = trial => test.manoeuvres.forEach((one, i) => {
-    const now = trial.running && trial.manoeuvre === i;
-    rows[i].querySelector('progress').value = Math.max(0, Math.min(trial.t - one.start, one.end - one.start));
+  const show = experiment => test.manoeuvres.forEach((one, i) => {
+    const now = experiment.running && experiment.manoeuvre === i;
+    rows[i].querySelector('progress').value = Math.max(0, Math.min(experiment.t - one.start, one.end - one.start));
     if (now) rows[i].setAttribute('aria-current', 'step');
     else rows[i].removeAttribute('aria-current');
   });
@@ -59,8 +59,8 @@ mount('identify', section => {
   const able = () => {
     const [state, rights] = [live.last.state, live.last.rights];
     const may = !!rights?.may && !state?.replay && !!state?.armed;
-    start.disabled = !may || state.trial?.running;
-    abort.disabled = !may || !state.trial?.running;
+    start.disabled = !may || state.experiment?.running;
+    abort.disabled = !may || !state.experiment?.running;
   };
   const release = [
     live.on('setup', setup => {
@@ -74,14 +74,14 @@ mount('identify', section => {
         ...setup.test.by_hand.map(what => make('p', {class: 'identify-hand'}, what)));
     }),
     live.on('state', state => {
-      const trial = state.trial;
-      if (!trial) return;
-      if (cue.textContent !== trial.cue) cue.textContent = trial.cue;
-      cue.classList.toggle('hand', trial.hand);
-      const text = trial.running ? `${trial.what}: ${lasting(trial.remaining)} left, `
-        + `${lasting(trial.duration - trial.t)} of the test` : '';
+      const experiment = state.experiment;
+      if (!experiment) return;
+      if (cue.textContent !== experiment.cue) cue.textContent = experiment.cue;
+      cue.classList.toggle('hand', experiment.hand);
+      const text = experiment.running ? `${experiment.what}: ${lasting(experiment.remaining)} left, `
+        + `${lasting(experiment.duration - experiment.t)} of the test` : '';
       if (left.textContent !== text) left.textContent = text;
-      show?.(trial);
+      show?.(experiment);
       able();
     }),
     live.on('rights', able),

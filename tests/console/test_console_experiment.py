@@ -66,7 +66,7 @@ def test_abort_ends_it_with_thrusters_off_and_a_log_that_says_so(armed):
     armed.wait_for_function("() => rovtwin.last.state.u.some(u => u !== 0)")
     folder = state(armed)["folder"]
     armed.click("#abort")
-    armed.wait_for_function("() => !rovtwin.last.state.trial.running && !rovtwin.last.state.u.some(u => u !== 0)")
+    armed.wait_for_function("() => !rovtwin.last.state.experiment.running && !rovtwin.last.state.u.some(u => u !== 0)")
     armed.wait_for_function("() => document.querySelector('#cue').innerText.includes('thrusters are off')")
     summary = json.loads((armed.folder / folder / "summary.json").read_text())
     assert not summary["completed"] and summary["reason"]
@@ -74,13 +74,14 @@ def test_abort_ends_it_with_thrusters_off_and_a_log_that_says_so(armed):
 
 def test_flown_to_its_end_it_is_judged_estimated_and_can_be_identified(armed):
     armed.evaluate(
-        "() => { window.cues = new Set(); rovtwin.on('state', s => cues.add([s.trial?.cue, s.trial?.hand].join())); }"
+        "() => { window.cues = new Set();"
+        " rovtwin.on('state', s => cues.add([s.experiment?.cue, s.experiment?.hand].join())); }"
     )
     armed.click("#start")
-    armed.wait_for_function("() => rovtwin.last.state.trial.running")
+    armed.wait_for_function("() => rovtwin.last.state.experiment.running")
     assert "under way" in order(armed, "start")  # a double click
     folder = state(armed)["folder"]
-    armed.wait_for_function("() => rovtwin.last.state.trial.ended === 'finished'", timeout=90_000)
+    armed.wait_for_function("() => rovtwin.last.state.experiment.ended === 'finished'", timeout=90_000)
     cues = armed.evaluate("[...cues]")
     assert any(cue.startswith("TILT IT") and cue.endswith(",true") for cue in cues)
     assert any(cue.startswith("LET GO") for cue in cues)
