@@ -8,7 +8,6 @@ import inspect
 import pkgutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -16,38 +15,18 @@ from tests.links.ros2_fake import FakeVehicle
 from tests.links.vehicles import PlainLink, ThreadHosted
 
 import rovtwin.links
-from rovtwin.core.flow import Command, Measurement, Slot
+from rovtwin.core.flow import Measurement, Slot
 from rovtwin.core.link import Link
 from rovtwin.core.log import Channel, Log
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.twin import TwinLink
+from rovtwin.testing.link import CLAUSES, LinkRig
 
 THRUSTERS = 3
 PERIOD = 0.02
 
 
-@dataclass
-class Rig:
-    """A link and the vehicle at its other end.
-
-    Attributes:
-        link: Open.
-        wait: Lets so many seconds pass for the vehicle.
-        listen: Reads until all that came is read.
-        applied: What the thrusters do now, normalised, shape (THRUSTERS,).
-        times: How often THRUSTERS thrusters are repeated in a command, each time with the same values.
-        done: Clears away what is at the other end.
-    """
-
-    link: Link
-    wait: Callable[[float], None]
-    listen: Callable[[], list[Measurement]]
-    applied: Callable[[], np.ndarray]
-    times: int = 1
-    done: Callable[[], None] = lambda: None
-
-
-def twin_rig() -> Rig:
+def twin_rig() -> LinkRig:
     """The twin's link on a vehicle of two sensors, one at every period and one at every fifth."""
     now, thrusters = [0.0], [np.zeros(THRUSTERS)]
 
@@ -73,10 +52,10 @@ def twin_rig() -> Rig:
         listen()
         return thrusters[0]
 
-    return Rig(link, wait, listen, applied)
+    return LinkRig(link, wait, listen, applied)
 
 
-def replay_rig() -> Rig:
+def replay_rig() -> LinkRig:
     """A log of two sensors, and a clock by hand."""
     now, t = [0.0], PERIOD * np.arange(1, 500)
     depth = Channel("sensor/pressure", ("depth", "t_valid"), ("m", "s"), "n")
@@ -87,10 +66,10 @@ def replay_rig() -> Rig:
     def wait(seconds: float) -> None:
         now[0] += seconds
 
-    return Rig(link, wait, link.read, lambda: link.command)
+    return LinkRig(link, wait, link.read, lambda: link.command)
 
 
-def hosted_rig() -> Rig:
+def hosted_rig() -> LinkRig:
     """A link that believes every command for ever, hosted in a thread; the process is tested by itself."""
     inner: list[PlainLink] = []
 
@@ -104,18 +83,18 @@ def hosted_rig() -> Rig:
         time.sleep(0.05)
         return inner[0].u
 
-    return Rig(link, time.sleep, lambda: (time.sleep(0.1), link.read())[1], applied)
+    return LinkRig(link, time.sleep, lambda: (time.sleep(0.1), link.read())[1], applied)
 
 
-def blueye_rig(double: bool) -> Rig:
+def blueye_rig(double: bool) -> LinkRig:
     """A link to one Blueye, or to two, behind our own server; its time is the test's, real time only lets it work."""
     from tests.links.blueye_rig import BlueyeRig
 
     rig = BlueyeRig(double, PERIOD)
-    return Rig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1, rig.done)
+    return LinkRig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1, rig.done)
 
 
-def mavlink_rig() -> Rig:
+def mavlink_rig() -> LinkRig:
     """An ArduSub's link on the twin's own endpoint, armed; three axes stand for three thrusters."""
     pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
     from tests.links.mavlink_vehicle import endpoint, measured, soon
@@ -155,17 +134,17 @@ def mavlink_rig() -> Rig:
         command = served.commands[-1] if served.commands else None
         return np.array(command.motion)[axes] if command and command.armed else np.zeros(THRUSTERS)
 
-    return Rig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))
+    return LinkRig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))
 
 
-def ros2_rig() -> Rig:
+def ros2_rig() -> LinkRig:
     """A ROS 2 vehicle that obeys `cmd_thrusters`, without a network."""
     vehicle = FakeVehicle(THRUSTERS, PERIOD)
     vehicle.link.arm()
-    return Rig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
+    return LinkRig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
 
 
-RIGS: dict[str, Callable[[], Rig]] = {
+RIGS: dict[str, Callable[[], LinkRig]] = {
     "twin.TwinLink": twin_rig,
     "mavlink.link.MavlinkLink": mavlink_rig,
     "ros2.link.Ros2Link": ros2_rig,
@@ -200,115 +179,10 @@ def test_every_link_has_a_rig():
 def rig(request):
     rig = RIGS[request.param]()
     yield rig
-    rig.link.close()
-    rig.done()
+    rig.close()
 
 
-def send(rig: Rig, u) -> None:
-    rig.link.send(Command(np.tile(np.array(u, dtype=float), rig.times)))
-
-
-def test_readings(rig):
-    """A list of Measurements with numbers in SI and the time they were valid, none twice, none lost."""
-    rig.wait(0.2)
-    readings = rig.link.read()
-    assert isinstance(readings, list)
-    readings = readings + rig.listen()
-    assert readings
-    for reading in readings:
-        assert isinstance(reading, Measurement) and isinstance(reading.sensor, str)
-        assert isinstance(reading.value, np.ndarray) and reading.value.ndim == 1 and reading.value.dtype == float
-        assert np.isfinite(reading.value).all() and np.isfinite(reading.t_valid)
-    rig.wait(0.2)
-    readings += rig.listen()
-    for sensor in {reading.sensor for reading in readings}:
-        times = [reading.t_valid for reading in readings if reading.sensor == sensor]
-        # One clock, no latency: the order of arrival is that of the times.
-        assert times == sorted(set(times))
-        assert np.ptp(np.diff(times)) < 0.5 * PERIOD, "a gap: readings got lost"
-
-
-def test_quiet_vehicle_is_no_error(rig):
-    """Nothing new is an empty list, however often one asks."""
-    rig.listen()
-    for _ in range(3):
-        assert rig.link.read() == []
-    send(rig, [0.1, 0.1, 0.1])
-
-
-def test_command_arrives(rig):
-    send(rig, [0.5, -0.25, 0.0])
-    np.testing.assert_allclose(rig.applied(), [0.5, -0.25, 0.0], atol=1e-3)
-
-
-def test_nothing_moves_before_the_first_command(rig):
-    assert not rig.applied().any()
-
-
-def test_command_is_clipped(rig):
-    send(rig, [2.0, -7.0, 0.5])
-    np.testing.assert_allclose(rig.applied(), [1.0, -1.0, 0.5], atol=1e-3)
-
-
-def test_command_is_taken_as_it_was(rig):
-    """The array stays the caller's: writing into it later changes nothing."""
-    u = np.full(THRUSTERS * rig.times, 0.5)
-    rig.link.send(Command(u))
-    u[:] = -1.0
-    np.testing.assert_allclose(rig.applied(), [0.5, 0.5, 0.5], atol=1e-3)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_command_that_is_no_number_stops(rig, bad):
-    send(rig, [0.5, 0.5, 0.5])
-    send(rig, [0.5, bad, 0.5])
-    assert not rig.applied().any()
-    send(rig, [0.5, 0.5, 0.5])
-    assert not rig.applied().any(), "stop latches"
-
-
-def test_stop_latches(rig):
-    send(rig, [0.5, 0.5, 0.5])
-    rig.link.stop()
-    assert not rig.applied().any()
-    send(rig, [0.5, 0.5, 0.5])
-    assert not rig.applied().any()
-    rig.link.stop()
-    rig.wait(0.2)
-    assert rig.listen()  # a stopped vehicle still sends
-
-
-def test_command_expires(rig):
-    """0.3 s after the last command the thrusters are off; the next command brings them back."""
-    send(rig, [0.5, 0.5, 0.5])
-    rig.wait(0.1)
-    assert rig.applied().any()
-    rig.wait(0.4)
-    assert not rig.applied().any()
-    send(rig, [0.5, 0.5, 0.5])
-    assert rig.applied().any()
-
-
-def test_close_twice(rig):
-    send(rig, [0.5, 0.5, 0.5])
-    rig.link.close()
-    rig.link.close()
-    assert rig.link.read() == []
-    send(rig, [0.5, 0.5, 0.5])
-    rig.link.stop()
-    rig.wait(0.1)
-    assert rig.link.read() == []
-
-
-def test_leaving_a_with_block_closes(rig):
-    with rig.link as link:
-        assert link is rig.link
-        rig.wait(0.2)
-        assert link.read()
-    rig.wait(0.2)
-    assert rig.link.read() == []
-
-
-def test_error_inside_a_with_block_comes_out(rig):
-    with pytest.raises(ZeroDivisionError), rig.link:
-        raise ZeroDivisionError
+@pytest.mark.parametrize("clause", CLAUSES, ids=lambda clause: clause.__name__)
+def test_it_holds(rig, clause):
+    """The clauses are `rovtwin.testing.link`'s, which links of other packages are held to as well."""
+    clause(rig)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from rovtwin.campaign.run import Session
     from rovtwin.campaign.tune_result import Tuned
+    from rovtwin.core.block import Block
     from rovtwin.core.log import Log
     from rovtwin.identification.logs.record import Record
     from rovtwin.identification.result import Identification
@@ -96,6 +97,7 @@ def fly(
     *,
     seed: int | None = None,
     overrides: Sequence[str] = (),
+    autopilot: "Block | Mapping[str, Any] | str | None" = None,
     report: bool = False,
     realtime: bool = False,
     say: Callable[[str], None] = print,
@@ -108,6 +110,8 @@ def fly(
         folder: New folder for log, scenario and report; None keeps all in memory.
         seed: In place of the scenario's.
         overrides: `key.path=value` texts.
+        autopilot: In place of the scenario's: a preset or file, what may stand in its section, where Blocks may stand
+            for addresses of Blocks (`{"controller": SlidingMode(..)}`), or a Block that is a whole autopilot.
         report: Write the HTML report (needs a folder).
         realtime: By the wall clock.
         say: Told before the start what the vehicle cannot do of the mission, and what it does instead.
@@ -123,12 +127,15 @@ def fly(
         True
     """
     from rovtwin.runs import fly as flying
+    from rovtwin.runs.compose.own_blocks import separated
 
     if report and folder is None:
         raise ConfigError("fly: a report needs a folder")
-    return flying.fly(
-        load_scenario(scenario, overrides, seed), folder, realtime=realtime, progress=progress, report=report, say=say
-    )
+    found, own = load_scenario(scenario, overrides, seed), None
+    if autopilot is not None:
+        section, own = (autopilot, None) if isinstance(autopilot, str) else separated(autopilot)
+        found = load_scenario(found.model_dump(mode="json") | {"autopilot": section})
+    return flying.fly(found, folder, realtime=realtime, progress=progress, report=report, say=say, own=own)
 
 
 def simulate(

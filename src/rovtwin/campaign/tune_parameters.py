@@ -83,6 +83,11 @@ def model_based(section: AutopilotSection, where: str) -> ModelBasedSection:
             f"{where}: autopilot: found {section.type}, expected model_based, whose gains are what tune searches; "
             "add --set autopilot=model_based"
         )
+    if section.own_blocks:
+        key, block = next(iter(section.own_blocks.items()))
+        raise ConfigError(
+            f"{where}: autopilot.{key}: found {block.label}, expected none of your own: tune searches rovtwin's gains"
+        )
     return section
 
 

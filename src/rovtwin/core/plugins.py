@@ -1,6 +1,8 @@
 """What others bring: objects by an address `package.module:Name`, or by the name of an installed entry point."""
 
 import importlib
+import os
+import sys
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -39,9 +41,9 @@ def load(text: str, group: str, where: str) -> Any:
         return _at(text, where)
     known = installed(group)
     if text not in known:
-        names = f"one of {', '.join(sorted(known))}" if known else f"(no installed package brings any for {group})"
+        names = f"one of {', '.join(sorted(known))}" if known else f"no installed package brings any for {group}"
         raise ConfigError(
-            f"{where}: found {text!r}, expected package.module:Name, or the name of an entry point {names}"
+            f"{where}: found {text!r}, expected package.module:Name, or the name of an entry point ({names})"
         )
     return _at(known[text].value, f"{where}: {text} (entry point of {_package(known[text])})")
 
@@ -57,6 +59,8 @@ def loaded(group: str) -> Iterator[tuple[str, Any]]:
 
 def _at(address: str, where: str) -> Any:
     module, _, name = address.partition(":")
+    if (here := os.getcwd()) not in sys.path and "" not in sys.path:
+        sys.path.append(here)  # last: a command finds the file beside it, as python does, and hides nothing
     try:
         found: Any = importlib.import_module(module)
     except ModuleNotFoundError as error:

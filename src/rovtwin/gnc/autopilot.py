@@ -19,6 +19,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.control.reference_model import ReferenceModel
+from rovtwin.gnc.guard import checked, spoilt
 from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping, CourseMemory
 from rovtwin.gnc.guidance.terrain_following import TerrainFollowing, TerrainInput, TerrainMemory
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, ObserverInput
@@ -40,7 +41,7 @@ Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
 
 class AutopilotMemory(eqx.Module):
     """Memories of the parts; the last command u (n_thrusters,), what limits took of the last wrench, (6,), where they
-    cut it, (6,), and the place of the last set-point, (3,).
+    cut it, (6,), the place of the last set-point, (3,), and whether a guarded block has failed, bool.
     """
 
     observer: Any
@@ -57,6 +58,7 @@ class AutopilotMemory(eqx.Module):
     shortfall: Array
     saturated: Array
     desired_position: Array
+    failed: Array | None = None
 
 
 class Autopilot(Block):
@@ -74,6 +76,7 @@ class Autopilot(Block):
         ability: What can be done without them; None with `monitor`.
         terrain: Turns altitudes of way-points into depths; None where there are none.
         course: Makes of a set-point one that can be followed without sway; None for a vehicle that crabs.
+        guarded: Whether parts are somebody else's: what they give is looked at, and what is no number aborts.
     """
 
     observer: Block
@@ -89,6 +92,7 @@ class Autopilot(Block):
     ability: ControlAuthority | None = None
     terrain: TerrainFollowing | None = None
     course: CourseKeeping | None = None
+    guarded: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def thesis(
@@ -140,14 +144,21 @@ class Autopilot(Block):
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
         parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
         none, free, command = jnp.zeros(6), jnp.zeros(6, dtype=bool), Command(jnp.zeros_like(self.health))
+        failed = jnp.asarray(False) if self.guarded else None
         return AutopilotMemory(
-            **parts, command=command, shortfall=none, saturated=free, desired_position=start.position
+            **parts,
+            command=command,
+            shortfall=none,
+            saturated=free,
+            desired_position=start.position,
+            failed=failed,
         )
 
     def step(
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
     ) -> tuple[AutopilotMemory, AutopilotOutput]:
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
+        estimate = spoilt(estimate, memory.failed)
         monitor, health, ability, axes = self._monitored(memory, estimate, input.request, dt)
         fell_short = memory.shortfall, ability, memory.saturated
         watched = SupervisorInput(
@@ -163,16 +174,21 @@ class Autopilot(Block):
         place = setpoint.eta[:3]  # before course keeping puts it beside the vehicle
         course, setpoint = self._steered(memory.course, setpoint, known, dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
+        failed, (setpoint, path) = checked(memory.failed, (setpoint, path))
 
-        on = mode.active
+        on = mode.active if failed is None else mode.active & ~failed
         feedback = ControlInput(known, path, memory.shortfall, axes)
         control, desired = self.control.step(memory.control, feedback, dt)
+        failed, desired = checked(failed, desired)
         tau = jnp.where(on, desired.tau, 0.0)
         allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health, axes), dt)
+        failed, allocated = checked(failed, allocated)
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
         command, shortfall = allocated.command, allocated.shortfall
+        if self.guarded:
+            command = Command(jnp.clip(command.u, -1.0, 1.0))
         wrench = Wrench(tau, on & (desired.saturated | (jnp.abs(shortfall) > NEGLIGIBLE)))
         after = AutopilotMemory(
             observer,
@@ -189,6 +205,7 @@ class Autopilot(Block):
             jnp.where(on, shortfall, 0.0),
             on & desired.saturated,
             place,
+            failed,
         )
         return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
 

@@ -1,7 +1,7 @@
 """Flying a scenario: run it, log it while it runs, score it, report it."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError, exists_already
 from rovtwin.core.files import write_text
 from rovtwin.core.flow import PHASES
@@ -69,6 +70,7 @@ def fly(
     say: Callable[[str], None] = lambda line: None,
     refuse: bool = True,
     truth: Model | None = None,
+    own: Mapping[str, Block] | None = None,
 ) -> Flight:
     """Fly a scenario.
 
@@ -83,6 +85,7 @@ def fly(
         say: Told before the start what the vehicle cannot do of the mission, and what it does instead.
         refuse: Whether a mission of which it can do nothing is refused.
         truth: The vehicle as it truly is, before what the world does to it; None: as the scenario makes it.
+        own: Blocks that were handed over in Python, by key of the scenario's autopilot.
 
     Returns:
         The flight. Ctrl-C ends the run, not the program: what was flown is logged, scored and reported.
@@ -93,7 +96,7 @@ def fly(
     """
     if realtime and (camera or film):
         raise ConfigError(f"{scenario.name}: pictures cannot be rendered by the wall clock; leave out --realtime")
-    simulation = compose(scenario, truth)
+    simulation = compose(scenario, truth, own=own)
     if refuse:
         for line in foreseen(simulation.scenario, simulation.vehicle, simulation.loop.twin.model):
             say(line)

@@ -1,11 +1,13 @@
 """From an autopilot's section to its blocks; it knows how noisy its sensors are, not how they fail."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from rovtwin.core.flow import Mission
+from rovtwin.core.block import Block
+from rovtwin.core.flow import Measurements, Mission, Slot
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.allocation.prioritised import PriorityAllocation
@@ -28,6 +30,7 @@ from rovtwin.gnc.thesis.ekf import Ekf, EkfTuning
 from rovtwin.gnc.thesis.ekf_tuning import SENSOR_STD
 from rovtwin.gnc.thesis.los_guidance import Guidance
 from rovtwin.runs.compose.acoustic import acoustic_mount, as_white
+from rovtwin.runs.compose.own_blocks import whole_autopilot, with_own_blocks
 from rovtwin.runs.compose.sensors import displaced, mount_of
 from rovtwin.runs.compose.supervisor import THESIS_RULES, rules_of, units
 from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario, ThesisSection
@@ -40,9 +43,45 @@ LEAST_BIAS = {"gyro": (1e-5, 1e-8), "accelerometer": (0.03, 1e-5)}  # and its wa
 
 
 def autopilot_of(
+    scenario: Scenario,
+    model: Model,
+    sensors: dict[str, Sensor],
+    mission: Mission,
+    thrusters: list[str],
+    own: Mapping[str, Block] | None = None,
+) -> Block:
+    """The autopilot that the scenario asks for, around a model.
+
+    Args:
+        scenario: What to fly.
+        model: What the autopilot knows of the vehicle.
+        sensors: On board.
+        mission: Way-points.
+        thrusters: Their names, which say which fail together.
+        own: Blocks that were handed over in Python, by key of the scenario's autopilot.
+
+    Raises:
+        ConfigError: A block of one's own cannot be used.
+    """
+    ours, section = _ours(scenario, model, sensors, mission, thrusters), scenario.autopilot
+    if not isinstance(section, ModelBasedSection) or not section.own_blocks:
+        return ours
+    dt, where, own = scenario.control_dt, f"{scenario.name}: autopilot", own or {}
+    empty = _empty(sensors, scenario.substeps)
+    offered = {"model": model, "sensors": {name: mount_of(one) for name, one in sensors.items()}, "dt": dt}
+    made = with_own_blocks(ours, section, own, offered, empty, where)
+    return whole_autopilot(made, section, own, empty, dt, where)
+
+
+def _empty(sensors: dict[str, Sensor], substeps: int) -> Measurements:
+    """As `Twin.empty`."""
+    return {name: Slot.empty(one.capacity(substeps), one.size) for name, one in sensors.items()}
+
+
+def _ours(
     scenario: Scenario, model: Model, sensors: dict[str, Sensor], mission: Mission, thrusters: list[str]
 ) -> Autopilot:
-    """The autopilot that the scenario asks for, around a model; names of thrusters say which fail together."""
+    """The autopilot of our own blocks."""
     section = scenario.autopilot
     surface = afloat(model) if scenario.world.surface else None
     if isinstance(section, ThesisSection):

@@ -2,11 +2,12 @@
 
 import logging
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
-from rovtwin.core.block import Start
+from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import quaternion_from_euler
@@ -121,7 +122,12 @@ class Simulation:
         return [float(value) for value in result]
 
 
-def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | None = None) -> Simulation:
+def compose(
+    scenario: Scenario,
+    truth: Model | None = None,
+    vehicle: Vehicle | None = None,
+    own: Mapping[str, Block] | None = None,
+) -> Simulation:
     """Blocks of a scenario.
 
     Args:
@@ -129,6 +135,7 @@ def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | N
         truth: The vehicle as it truly is, before what the world does to it (`thruster_health`, `net_buoyancy`); None:
             as the world's `water` and `mismatch` make it.
         vehicle: In place of the scenario's.
+        own: Blocks that were handed over in Python, by key of the scenario's autopilot.
 
     Raises:
         ConfigError: The vehicle cannot be used, or does not fit the scenario.
@@ -148,7 +155,7 @@ def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | N
     loop = Loop(
         autopilot=experiment_of(scenario, model, vehicle, sensors)
         if scenario.test
-        else autopilot_of(scenario, model, sensors, way_points(scenario, model), list(vehicle.thruster_names)),
+        else autopilot_of(scenario, model, sensors, way_points(scenario, model), list(vehicle.thruster_names), own),
         twin=Twin(
             plant,
             world_of(scenario.world),

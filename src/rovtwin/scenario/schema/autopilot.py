@@ -4,12 +4,16 @@ import logging
 from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, field_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from rovtwin.core.config import NonNegative, Number, Positive, Strict
+from rovtwin.scenario.schema.own_block import OwnBlock, by_short_form
 from rovtwin.scenario.schema.supervisor import SupervisorSection
 
 logger = logging.getLogger(__name__)
+
+PLACES = ("observer", "guidance", "reference", "controller", "allocation")
+"""Keys at which a block of one's own may stand."""
 
 
 class ObserverSection(Strict):
@@ -54,6 +58,14 @@ class ThesisSection(Strict):
     reference: ReferenceSection = ReferenceSection()
     guidance: GuidanceSection = GuidanceSection()
     supervisor: SupervisorSection = SupervisorSection()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_own_blocks(cls, data: Any) -> Any:
+        own = [key for key in PLACES if key in data and _names_block(data[key])] if isinstance(data, dict) else []
+        if own:
+            raise ValueError(f"{own[0]}: blocks of your own go into the model-based autopilot; write type: model_based")
+        return data
 
 
 class NavigationSection(Strict):
@@ -108,8 +120,8 @@ def _say_replaced(steering: str) -> None:
     logger.warning("autopilot.guidance.steering: %s is flown as los, which has taken its place: write los", steering)
 
 
-class PathSection(Strict):
-    """Guidance along the path."""
+class PathSection(OwnBlock):
+    """Guidance along the path, or a block in its place."""
 
     steering: Literal["auto", "crab", "los"] = Field(
         default="auto",
@@ -130,21 +142,44 @@ class PathSection(Strict):
 
 
 class ModelBasedSection(Strict):
-    """The default: error-state filter, guidance along a smooth path, model-based tracking."""
+    """The default: error-state filter, guidance along a smooth path, model-based tracking; or blocks in their place.
+
+    A block is named by its address (`package.module:Name`) or an entry point of the group rovtwin.blocks.
+    """
 
     type: Literal["model_based"] = "model_based"
     navigation: NavigationSection = NavigationSection()
     guidance: PathSection = PathSection()
     control: TrackingSection = TrackingSection()
+    observer: OwnBlock | None = Field(default=None, description="takes ObserverInput, gives Estimate")
+    reference: OwnBlock | None = Field(default=None, description="takes Setpoint, gives Reference")
+    controller: OwnBlock | None = Field(default=None, description="takes ControlInput, gives Wrench")
+    allocation: OwnBlock | None = Field(default=None, description="takes AllocationInput, gives Allocated")
+    given: str = Field(default="", description="class of a whole autopilot that was handed over in Python")
     supervisor: SupervisorSection = SupervisorSection()
     tuned: TunedSection | None = Field(default=None, description="note of `rovtwin tune`")
+
+    @field_validator(*PLACES, mode="before")
+    @classmethod
+    def _block_by_address(cls, value: Any) -> Any:
+        return by_short_form(value)
+
+    @property
+    def own_blocks(self) -> dict[str, OwnBlock]:
+        """Blocks in place of ours, by key; `autopilot` where it is the whole."""
+        named = {key: one for key in PLACES if (one := getattr(self, key)) is not None and one.is_own}
+        return named | ({"autopilot": OwnBlock(given=self.given)} if self.given else {})
+
+
+def _names_block(value: Any) -> bool:
+    return isinstance(value, str) or (isinstance(value, dict) and bool({"block", "given"} & value.keys()))
 
 
 def _kind(section: Any) -> str:
     """Type of a section; without one that of the default, unless a key says that the thesis's autopilot is meant."""
     if not isinstance(section, dict):
         return str(getattr(section, "type", "model_based"))
-    of_thesis = {"observer", "controller", "reference"} & set(section)
+    of_thesis = [key for key in ("observer", "controller", "reference") if not _names_block(section.get(key, ""))]
     return str(section.get("type", "thesis" if of_thesis else "model_based"))
 
 

@@ -1,0 +1,161 @@
+"""Blocks of one's own in the model-based autopilot: by an address in the scenario, or handed over in Python.
+
+What is named is a Block, a class of Blocks or a function that makes one. A class is made by its classmethod `of` where
+it has one. `model`, `sensors` (Mounts by name) and `dt` are handed over to what has arguments of these names, beside
+the scenario's `settings`.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from rovtwin.core.block import Block
+from rovtwin.core.contract import form_of, require_block
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.plugins import BLOCKS, load
+from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput
+from rovtwin.scenario.schema import ModelBasedSection
+
+PLACES = {"observer": "observer", "guidance": "guidance", "reference": "reference", "controller": "control",
+          "allocation": "allocation"}  # fmt: skip
+"""Key of the scenario's autopilot -> part of `Autopilot`."""
+
+
+def with_own_blocks(
+    autopilot: Autopilot,
+    section: ModelBasedSection,
+    given: Mapping[str, Block],
+    offered: Mapping[str, Any],
+    empty: Measurements,
+    where: str,
+) -> Autopilot:
+    """The autopilot with the blocks that the section names in place of ours.
+
+    Args:
+        autopilot: Ours, complete.
+        section: Of the scenario.
+        given: Blocks that were handed over in Python, by key of the section.
+        offered: `model`, `sensors`, `dt`.
+        empty: Slots of the sensors.
+        where: Of the section, for messages.
+
+    Raises:
+        ConfigError: A block cannot be found or made, or does not take and give what ours does.
+    """
+    named = {key: one for key, one in section.own_blocks.items() if key in PLACES}
+    if not named:
+        return autopilot
+    inputs = _inputs(autopilot, empty, offered["dt"])
+    parts = {}
+    for key, one in named.items():
+        label = f"{where}.{key}"
+        if one.given:
+            block = _handed_over(key, one.given, given, label)
+        else:
+            block = made(load(one.block, BLOCKS, label), offered, one.settings, f"{label}: {one.block}")
+        block = _of_arrays(block, label)
+        ours = getattr(autopilot, PLACES[key])
+        _, _, output = form_of(ours, inputs[key], offered["dt"], label)
+        require_block(block, inputs[key], output, offered["dt"], f"{label}: {one.label}")
+        parts[PLACES[key]] = block
+    return replace(autopilot, **parts, guarded=True)
+
+
+def made(target: Any, offered: Mapping[str, Any], settings: Mapping[str, Any], where: str) -> Any:
+    """What a class or function makes of the offered things that it has arguments for, and of settings.
+
+    Raises:
+        ConfigError: It cannot be called so, or fails.
+    """
+    if isinstance(target, Block):
+        if settings:
+            raise ConfigError(f"{where}: found settings for a block that is made already, expected a class or function")
+        return target
+    maker: Callable[..., Any] = getattr(target, "of", target) if isinstance(target, type) else target
+    if not callable(maker):
+        raise ConfigError(f"{where}: found {type(target).__name__}, expected a Block, its class or a function")
+    try:
+        names = inspect.signature(maker).parameters
+        taken = {name: value for name, value in offered.items() if name in names and name not in settings}
+        return maker(**taken, **settings)
+    except ConfigError:
+        raise
+    except Exception as error:  # of somebody else's code: anything
+        raise ConfigError(f"{where}: cannot be made: {type(error).__name__}: {error}") from error
+
+
+def _of_arrays(block: Any, where: str) -> Any:
+    """A block whose numbers are arrays: the compiled loop takes nothing else.
+
+    Raises:
+        ConfigError: A field is no number.
+    """
+    if not isinstance(block, Block):
+        return block
+    for path, leaf in jax.tree_util.tree_leaves_with_path(block):
+        if not isinstance(leaf, bool | int | float) and not hasattr(leaf, "dtype"):
+            raise ConfigError(
+                f"{where}: {type(block).__name__}{jax.tree_util.keystr(path)}: found {type(leaf).__name__}, expected a "
+                "number or an array; declare what is none by equinox.field(static=True)"
+            )
+    return jax.tree.map(lambda leaf: as_array(leaf) if isinstance(leaf, float) else jnp.asarray(leaf), block)
+
+
+def _inputs(autopilot: Autopilot, empty: Measurements, dt: float) -> dict[str, Any]:
+    """Form of what each place takes, from our own blocks in the order of the data."""
+    six, of_thrusters = jnp.zeros(6), jnp.zeros_like(autopilot.health)
+    observed = ObserverInput(empty, Command(of_thrusters))
+    _, _, estimate = form_of(autopilot.observer, observed, dt, "observer")
+    zero = jnp.asarray(0)
+    asked = GuidanceInput(estimate, autopilot.mission, Mode(zero, zero))
+    _, _, setpoint = form_of(autopilot.guidance, asked, dt, "guidance")
+    _, _, path = form_of(autopilot.reference, setpoint, dt, "reference")
+    return {
+        "observer": observed,
+        "guidance": asked,
+        "reference": setpoint,
+        "controller": ControlInput(estimate, path, six, six),
+        "allocation": AllocationInput(six, of_thrusters, six),
+    }
+
+
+def whole_autopilot(
+    ours: Block, section: ModelBasedSection, given: Mapping[str, Block], empty: Measurements, dt: float, where: str
+) -> Block:
+    """The autopilot, or one that was handed over in its place, which takes and gives what ours does.
+
+    Raises:
+        ConfigError: It does not.
+    """
+    if not section.given:
+        return ours
+    block = _of_arrays(_handed_over("autopilot", section.given, given, where), where)
+    input = AutopilotInput(empty, jnp.asarray(NO_REQUEST))
+    _, _, output = form_of(ours, input, dt, where)
+    require_block(block, input, output, dt, f"{where}: {section.given}")
+    return block
+
+
+def _handed_over(key: str, name: str, given: Mapping[str, Block], where: str) -> Block:
+    if key not in given:
+        raise ConfigError(
+            f"{where}: found {name}, a block that was handed over in Python, expected it again by "
+            "fly(.., autopilot=..), or the address of a class"
+        )
+    return given[key]
+
+
+def separated(autopilot: Block | Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Block]]:
+    """The section of a scenario that names what was handed over in Python, and the blocks by key of the section."""
+    if isinstance(autopilot, Block):
+        return {"type": "model_based", "given": _name_of(autopilot)}, {"autopilot": autopilot}
+    blocks = {key: value for key, value in autopilot.items() if isinstance(value, Block)}
+    return dict(autopilot) | {key: {"given": _name_of(block)} for key, block in blocks.items()}, blocks
+
+
+def _name_of(block: Block) -> str:
+    return f"{type(block).__module__}:{type(block).__qualname__}"

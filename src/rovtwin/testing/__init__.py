@@ -1,0 +1,16 @@
+"""The contracts of Blocks, Links and Sources as tests of one's own can run them; ours run the same.
+
+    from rovtwin.testing import check_block, recorded_inputs
+
+    def test_sliding_mode():
+        check_block(SlidingMode(), recorded_inputs("controller"))
+
+What fails raises an AssertionError that says which clause, of what, and by how much.
+"""
+
+from rovtwin.testing.block import BlockContract, check_block
+from rovtwin.testing.link import LinkRig, check_link
+from rovtwin.testing.recorded import recorded_inputs
+from rovtwin.testing.source import SourceRig, check_source
+
+__all__ = ["BlockContract", "LinkRig", "SourceRig", "check_block", "check_link", "check_source", "recorded_inputs"]

@@ -1,0 +1,224 @@
+"""Blocks of one's own in the model-based autopilot: found, checked before anything flies, flown, recorded."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.packages import install
+
+import rovtwin
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import ABORTED, NOT_A_NUMBER, REASONS
+from rovtwin.runs.batch import score_seeds
+from rovtwin.runs.compose.composition import compose
+from rovtwin.scenario.files import load_scenario
+
+SOURCE = '''
+import jax.numpy as jnp
+import rovtwin
+from rovtwin.core.flow import Wrench
+
+
+class Springs(rovtwin.Block):
+    """Springs and dampers on every axis."""
+
+    stiffness: float = 40.0
+    damping: float = 60.0
+
+    def init(self, key, start):
+        return None
+
+    def step(self, memory, input, dt):
+        error = input.reference.eta - input.estimate.eta
+        psi = input.estimate.eta[5]
+        c, s = jnp.cos(psi), jnp.sin(psi)
+        ahead, aside = c * error[0] + s * error[1], -s * error[0] + c * error[1]
+        yaw = jnp.arctan2(jnp.sin(error[5]), jnp.cos(error[5]))
+        error = jnp.stack([ahead, aside, error[2], 0.0, 0.0, yaw])
+        tau = self.stiffness * error - self.damping * input.estimate.nu * jnp.array([1, 1, 1, 0, 0, 0.3])
+        return memory, Wrench(tau, jnp.zeros(6, bool))
+
+
+class Gravely(Springs):
+    """Made by `of`, from the vehicle."""
+
+    @classmethod
+    def of(cls, model, share, dt):
+        assert dt == 0.02
+        return cls(stiffness=share * float(model.inertia[0, 0]))
+
+
+class Tall(Springs):
+    def step(self, memory, input, dt):
+        return memory, Wrench(jnp.zeros(3), jnp.zeros(6, bool))
+
+
+class Bare(Springs):
+    def step(self, memory, input, dt):
+        return memory, jnp.zeros(6)
+
+
+class Growing(Springs):
+    def init(self, key, start):
+        return jnp.zeros(2)
+
+    def step(self, memory, input, dt):
+        return jnp.zeros(3), Wrench(jnp.zeros(6), jnp.zeros(6, bool))
+
+
+class Raising(Springs):
+    def step(self, memory, input, dt):
+        return memory, Wrench(input.nothing, jnp.zeros(6, bool))
+
+
+class Texts(Springs):
+    name: str = "mine"
+
+
+class Single(Springs):
+    def step(self, memory, input, dt):
+        return Wrench(jnp.zeros(6), jnp.zeros(6, bool))
+
+
+class Failing(rovtwin.Block):
+    """No number from 3 s on."""
+
+    def init(self, key, start):
+        return jnp.zeros(())
+
+    def step(self, memory, input, dt):
+        tau = jnp.full(6, jnp.where(memory < 3.0, 1.0, jnp.nan))
+        return memory + dt, Wrench(tau, jnp.zeros(6, bool))
+
+
+class Plain:
+    pass
+
+
+def broken(model):
+    raise RuntimeError("no licence")
+
+
+READY = Springs()
+'''
+SPRINGS = {"controller": "springs"}
+QUICK = ["duration=6", "log.rate=10"]
+
+
+def silent(line): ...
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """Installed once: its classes are then the same in all tests, and so are the programs that they are compiled to."""
+    points = {"rovtwin.blocks": {"springs": "own_control:Springs"}}
+    site = install(tmp_path_factory.mktemp("packages") / "site", "own_control", SOURCE, points)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(site)
+        yield site
+    sys.modules.pop("own_control", None)
+
+
+def scenario(section, *more):
+    return rovtwin.load_scenario(load_scenario("square").model_dump(mode="json") | {"autopilot": section}, [*more])
+
+
+@pytest.mark.parametrize(
+    ("section", "why"),
+    [
+        (
+            {"controller": "nowhere.at.all:X"},
+            "autopilot.controller: nowhere.at.all:X: found no module 'nowhere'",
+        ),
+        ({"controller": "own_control:Nobody"}, "found no 'Nobody' in own_control"),
+        ({"controller": "spring"}, r"found 'spring', expected package.module:Name.*\(one of springs\)"),
+        ({"controller": "own control:X"}, "autopilot.*controller.*found 'own control:X'"),
+        ({"controller": "own_control:Plain"}, "found Plain, expected a rovtwin.Block with init and step"),
+        ({"controller": "own_control:Tall"}, r"output of step: found .tau float64\[3\], expected float64\[6\]"),
+        ({"controller": "own_control:Bare"}, "output of step: found no .tau.*expected Wrench"),
+        ({"controller": "own_control:Growing"}, r"memory after step: found .*float64\[3\], expected float64\[2\]"),
+        ({"controller": "own_control:Raising"}, "step failed: AttributeError: .*nothing"),
+        ({"controller": "own_control:Texts"}, r"Texts.name: found str, expected a number or an array; declare"),
+        ({"controller": "own_control:Single"}, r"step: found Wrench, expected \(memory, output\)"),
+        ({"controller": "own_control:broken"}, "cannot be made: RuntimeError: no licence"),
+        ({"controller": "own_control:Gravely"}, "cannot be made: TypeError: .*share"),
+        ({"controller": {"block": "own_control:READY", "settings": {"a": 1}}}, "settings for a block that is made"),
+        ({"controller": {"block": "own_control:Springs", "gain": 1}}, "gain.*no such key"),
+        ({"allocation": "own_control:Springs"}, "allocation: own_control:Springs: step failed: AttributeError"),
+        ({"controller": {"given": "own_control:Springs"}}, "a block that was handed over in Python, expected it again"),
+        ({"type": "thesis", "controller": "own_control:Springs"}, "write type: model_based"),
+    ],
+)
+def test_what_cannot_fly_is_refused_in_words_before_anything_flies(package, section, why):
+    with pytest.raises(ConfigError, match=why):
+        compose(scenario(section))
+
+
+def test_by_address_by_entry_point_and_handed_over_they_fly_alike(package):
+    import own_control
+
+    found = []
+    for section in ("own_control:Springs", "springs", {"block": "own_control:Springs"}, own_control.Springs()):
+        flight = rovtwin.fly("square", overrides=QUICK, autopilot={"controller": section}, say=silent)
+        found.append(flight.log["truth/eta"].values)
+    assert np.abs(found[0][-1, :3] - found[0][0, :3]).max() > 0.2, "it did not move"
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+
+
+def test_settings_and_what_is_offered_reach_it(package):
+    run = compose(scenario({"controller": {"block": "own_control:Gravely", "settings": {"share": 2.0}}}))
+    assert float(run.loop.autopilot.control.stiffness) == pytest.approx(2.0 * float(run.model.inertia[0, 0]))
+    assert run.loop.autopilot.guarded and not compose(scenario({"type": "model_based"})).loop.autopilot.guarded
+
+
+def test_seeds_share_the_program_and_a_log_says_what_flew(package, tmp_path):
+    rows = score_seeds(scenario({"controller": "springs"}, "duration=4"), [1, 2])
+    assert len(rows) == 2
+    flight = rovtwin.fly("square", tmp_path / "run", overrides=["duration=2"], autopilot=SPRINGS, say=print)
+    again = load_scenario(tmp_path / "run" / "scenario.yaml")
+    assert again.autopilot.controller.block == "springs" and again.autopilot == flight.scenario.autopilot
+
+
+def test_what_is_no_number_aborts_and_turns_thrusters_off(package):
+    flight = rovtwin.fly(
+        "square", overrides=QUICK, autopilot={"controller": "own_control:Failing"}, say=lambda line: None
+    )
+    command, t = flight.log["autopilot/command"].values, flight.log["autopilot/command"].t
+    assert np.isfinite(command).all()
+    assert np.abs(command[t < 2.9]).max() > 0.0 and (command[t > 3.05] == 0.0).all()
+    assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED and "not a number" in str(flight.summary["reason"])
+    assert REASONS[NOT_A_NUMBER] == "not a number"
+
+
+def test_a_whole_autopilot(package, tmp_path):
+    """One's own block in place of all: here ours with another spring."""
+    mine = compose(scenario({"controller": "springs"})).loop.autopilot
+    flight = rovtwin.fly("square", tmp_path / "run", overrides=QUICK, autopilot=mine, say=silent)
+    named = rovtwin.fly("square", overrides=QUICK, autopilot=SPRINGS, say=silent)
+    np.testing.assert_array_equal(flight.log["truth/eta"].values, named.log["truth/eta"].values)
+    with pytest.raises(ConfigError, match="handed over in Python, expected it again"):
+        compose(load_scenario(tmp_path / "run" / "scenario.yaml"))
+    with pytest.raises(ConfigError, match="own_control:Springs: step failed: AttributeError"):
+        rovtwin.fly("square", autopilot=sys.modules["own_control"].READY)
+
+
+def test_tuning_is_refused(package):
+    with pytest.raises(ConfigError, match="autopilot.controller: found springs, expected none of your own"):
+        rovtwin.tune(scenario({"controller": "springs"}))
+
+
+@pytest.mark.slow
+def test_the_command_line_finds_the_file_beside_it(package, tmp_path):
+    """In the folder where it is called, as python does; `--set` names it."""
+    (tmp_path / "beside.py").write_text((package / "own_control.py").read_text())
+    words = ["fly", "square", "--set", "autopilot.controller=beside:Springs", "--set", "duration=1", "--no-report"]
+    code = "import sys; sys.path.remove(''); from rovtwin.cli import main; main()"
+    env = os.environ | {"PYTHONPATH": str(Path(rovtwin.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words, "--out", "run"], cwd=tmp_path, env=env, capture_output=True, text=True
+    )
+    assert done.returncode == 1 and (tmp_path / "run" / "log.mcap").is_file(), done.stderr
