@@ -26,7 +26,7 @@ def single(quick: bool) -> dict[str, Any]:
     run = simulation()
     dt, substeps = run.scenario.control_dt, run.scenario.substeps
     ticks = round(1.0 / dt)
-    host = HostLoop(run.loop, run.key, run.start, dt, ticks)
+    host = HostLoop(run.loop, run.key, run.start, dt, ticks, short=0)
     plain = NumpyLoop(run)
 
     def compiled():

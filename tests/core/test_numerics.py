@@ -6,7 +6,17 @@ import sys
 
 import numpy as np
 
-from rovtwin.core.numerics import _add_flag, as_array, cache_folder, in_one_piece, jax, jnp, module_for
+from rovtwin.core.numerics import (
+    _add_flag,
+    as_array,
+    cache_folder,
+    in_one_piece,
+    jax,
+    jit_once,
+    jnp,
+    module_for,
+    unoptimised,
+)
 
 
 def test_double_precision():
@@ -74,6 +84,26 @@ def test_in_one_piece_gives_what_jit_gives():
     assert jax.tree.structure(one) == jax.tree.structure(other)
     for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-14)
+
+
+def test_in_one_piece_takes_static_arguments_by_name_and_uses_up_what_is_given_away():
+    def function(x, y, *, times):
+        return jax.lax.scan(lambda c, _: (c + y, c), x, length=times)
+
+    whole = in_one_piece(function, quickly=True, static_argnames="times", donate_argnames="x")
+    for times in (3, 5):
+        given = jnp.zeros(2)
+        last, before = whole(given, jnp.ones(2), times=times)
+        np.testing.assert_array_equal(last, [times, times])
+        assert before.shape == (times, 2) and given.is_deleted()
+
+
+def test_what_is_compiled_once_is_not_optimised_unless_the_user_says_how(monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "")
+    assert unoptimised() == {"xla_backend_optimization_level": 0}
+    np.testing.assert_allclose(jit_once(lambda x, n: x**n, static_argnames="n")(jnp.arange(3.0), n=2), [0.0, 1.0, 4.0])
+    monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=2")
+    assert unoptimised() is None
 
 
 def test_what_cannot_be_in_one_piece_is_compiled_as_it_is(caplog):

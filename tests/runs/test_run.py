@@ -13,7 +13,7 @@ from rovtwin.core.log import Log
 from rovtwin.runs.batch import score_batch, score_seeds
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.fly import fly
-from rovtwin.runs.loop import advance, advance_batch, stack, start_batch, start_loop
+from rovtwin.runs.loop import HostLoop, advance, advance_batch, stack, start_batch, start_loop
 from rovtwin.runs.run import chunks, realtime_chunks
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema.world import MismatchSection
@@ -87,6 +87,17 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     for one, other in zip(jax.tree.leaves(compiled.state), jax.tree.leaves(ticked.state), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
     np.testing.assert_array_equal(compiled.measurements["gyro"].valid, ticked.measurements["gyro"].valid)
+
+
+@pytest.mark.slow
+def test_a_long_run_goes_on_with_the_optimised_program_where_it_was(short):
+    run = compose(short)
+    given = run.loop, run.key, run.start, short.control_dt, 50
+    loops = [HostLoop(*given, short=ticks) for ticks in (0, 100, 10**9)]
+    flown = [joined([loop.advance() for _ in range(4)]) for loop in loops]
+    for other in flown[1:]:
+        for one, two in zip(jax.tree.leaves(flown[0].state), jax.tree.leaves(other.state), strict=True):
+            np.testing.assert_allclose(two, one, atol=1e-9)
 
 
 @pytest.mark.slow

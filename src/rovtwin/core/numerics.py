@@ -7,6 +7,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -78,38 +79,82 @@ def as_array(value: object, dtype: Any = float) -> Array:
     return jnp.asarray(value, dtype=dtype)
 
 
-def in_one_piece(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`jax.jit` of a function that is called often and does little at a time, as a tick in real time does.
+OPTIMISATION = "xla_backend_optimization_level"
 
-    On a processor, XLA starts the hundreds of small operations of such a function one by one. Told that it is small,
-    it compiles them into one piece, as it does with the bodies of loops: the autopilot's tick takes half as long.
 
-    XLA cannot do that with all operations: not with products of larger matrices, scatters by indices, sorting or
-    LAPACK. A function that has one is compiled as it is, which is logged at level DEBUG; XLA then writes a line of its
-    own to standard error, so that a function for users should have none of them.
+def unoptimised() -> dict[str, bool | int | float | str] | None:
+    """`compiler_options` of `jax.jit` for a program that runs once, or for seconds: to optimise it takes longer.
+
+    None on an accelerator, and where the user sets the level.
     """
-    compiled = jax.jit(function)
-    if jax.default_backend() != "cpu":
-        return compiled
+    if jax.default_backend() != "cpu" or OPTIMISATION in os.environ.get("XLA_FLAGS", ""):
+        return None
+    return {OPTIMISATION: 0}
 
-    @jax.jit
-    def whole(*arguments: Any) -> Any:
-        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            return compiled(*arguments)
 
+def jit_once(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """`jax.jit` of a function that is called a few times in all: compiled in a third of the time, four times slower.
+
+    Args:
+        function: What to compile.
+        options: As `jax.jit` takes them.
+    """
     chosen: list[Callable[..., Any]] = []
 
-    def call(*arguments: Any) -> Any:
-        if not chosen:
-            try:
-                whole.lower(*arguments).compile()
-                chosen.append(whole)
-            except jax.errors.JaxRuntimeError as error:  # an error of the function itself comes again below
-                logger.debug("not in one piece: %s", error)
-                chosen.append(compiled)
-        return chosen[0](*arguments)
+    def call(*arguments: Any, **named: Any) -> Any:
+        if not chosen:  # not before the first call, as the backend starts with it
+            chosen.append(jax.jit(function, compiler_options=unoptimised(), **options))
+        return chosen[0](*arguments, **named)
 
     return call
 
 
-__all__ = ["Array", "as_array", "cache_folder", "in_one_piece", "jax", "jnp", "module_for"]
+def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options: Any) -> Callable[..., Any]:
+    """`jax.jit` of a function that is called often and does little at a time, as a tick in real time does.
+
+    On a processor, XLA starts the hundreds of small operations of such a function one by one, and compiles each by
+    itself. Told that it is small, it compiles them into one piece, as it does with the bodies of loops: the
+    autopilot's tick takes half as long, and what brings parameters into a loop is compiled in a tenth of the time.
+
+    XLA cannot do that with all operations: not with products of larger matrices, scatters by indices, sorting or
+    LAPACK. A function that has one is compiled as it is, which is logged at level DEBUG; XLA then writes a line of its
+    own to standard error, so that a function for users should have none of them.
+
+    Args:
+        function: What to compile.
+        quickly: Without optimisation, see `unoptimised`.
+        options: As `jax.jit` takes them. Static arguments are named, and given by name.
+    """
+
+    @wraps(function)
+    def whole(*arguments: Any, **named: Any) -> Any:
+        @jax.jit
+        def inner(*given: Any) -> Any:
+            # The mark is of this call, not of those inside.
+            with set_xla_metadata(xla_cpu_small_call=None, inlineable=None):
+                return function(*given, **named)
+
+        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+            return inner(*arguments)
+
+    compiled: dict[str, Callable[..., Any]] = {}
+    not_whole: set[tuple[Any, ...]] = set()
+
+    def call(*arguments: Any, **static: Any) -> Any:
+        if not compiled:  # not before the first call, as the backend starts with it
+            how = options | ({"compiler_options": unoptimised()} if quickly else {})
+            compiled["plain"] = jax.jit(function, **how)
+            compiled["whole"] = jax.jit(whole, **how) if jax.default_backend() == "cpu" else compiled["plain"]
+        key = tuple(static.values())
+        if key not in not_whole:
+            try:
+                return compiled["whole"](*arguments, **static)
+            except jax.errors.JaxRuntimeError as error:  # an error of the function itself comes again below
+                logger.debug("not in one piece: %s", error)
+                not_whole.add(key)
+        return compiled["plain"](*arguments, **static)
+
+    return call
+
+
+__all__ = ["Array", "as_array", "cache_folder", "in_one_piece", "jax", "jit_once", "jnp", "module_for", "unoptimised"]

@@ -10,7 +10,7 @@ from rovtwin.core.batch import batched
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flat import Layout
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, in_one_piece, jax, jit_once, jnp
 from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.events.topside import Topside
 from rovtwin.simulation.tether.tether import Line
@@ -120,7 +120,7 @@ def _chunk_batch(
 
 # Every leaf of a Loop is an array, so plain jit serves: called once a simulated second, it costs 0.2 ms; equinox's
 # filtered one, which looks at every leaf in Python, 4 ms.
-start_loop = jax.jit(Loop.init, static_argnames="control_dt")
+start_loop = jit_once(Loop.init, static_argnames="control_dt")
 """Compiled `Loop.init`: `start_loop(loop, key, start, control_dt=...)`."""
 
 start_batch = jax.jit(
@@ -142,9 +142,8 @@ advance_batch = jax.jit(_chunk_batch, static_argnames=("ticks", "control_dt"), d
 _tick = jax.jit(Loop.tick, static_argnames="control_dt")  # traced once, for what it gives and for the scan
 
 
-@partial(jax.jit, static_argnames=("layouts", "ticks", "control_dt"), donate_argnames="memory")
 def _advance_flat(
-    layouts: "_Layouts", loop: Array, memory: Array, k: Array, ticks: int, control_dt: float
+    loop: Array, memory: Array, k: Array, *, layouts: "_Layouts", ticks: int, control_dt: float
 ) -> tuple[Array, Array]:
     parameters = layouts.loop.unflatten(loop)
 
@@ -154,6 +153,18 @@ def _advance_flat(
 
     after, records = jax.lax.scan(one, layouts.memory.unflatten(memory), k + jnp.arange(ticks))
     return layouts.memory.flatten(after), records
+
+
+_advance = {
+    quickly: in_one_piece(
+        _advance_flat, quickly, static_argnames=("layouts", "ticks", "control_dt"), donate_argnames="memory"
+    )
+    for quickly in (True, False)
+}
+# A program that is not optimised flies 4,500 ticks a second in place of 20,000, and is there 25 s of processor time
+# earlier (docs/performance.md). Most missions end before it has lost that, and a longer one goes on with the other. The
+# tick decides, and not what is compiled already, so that the same scenario gives the same figures.
+SHORT = 30_000  # ticks
 
 
 class _Layouts(NamedTuple):
@@ -168,27 +179,30 @@ class HostLoop:
     To hand over 200 arrays and take as many takes as long as a third of a simulated second.
     """
 
-    def __init__(self, loop: Loop, key: Array, start: Start, control_dt: float, ticks: int):
-        """A chunk is `ticks` control ticks of `control_dt` seconds."""
+    def __init__(self, loop: Loop, key: Array, start: Start, control_dt: float, ticks: int, short: int = SHORT):
+        """A chunk is `ticks` control ticks of `control_dt` seconds; from tick `short` on the program is optimised."""
         memory = start_loop(loop, key, start, control_dt=control_dt)
-        self._k, self._ticks, self._control_dt = 0, ticks, control_dt
-        first = jax.ShapeDtypeStruct((), jnp.arange(1).dtype)
-        _, record = jax.eval_shape(partial(_tick, control_dt=control_dt), loop, memory, first)
+        self._k, self._ticks, self._control_dt, self._short = 0, ticks, control_dt, short
+        # Without weak types, as they come out of a vector: so a tick is traced once.
+        given = jax.tree.map(
+            lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (loop, memory, jnp.arange(1)[0])
+        )
+        _, record = jax.eval_shape(partial(_tick, control_dt=control_dt), *given)
         self._layouts = _Layouts(Layout(loop), Layout(memory), Layout(record))
-        self._loop = _flatten(self._layouts.loop, loop)
-        self._memory = _flatten(self._layouts.memory, memory)
+        self._loop = _flatten(loop, layout=self._layouts.loop)
+        self._memory = _flatten(memory, layout=self._layouts.memory)
 
     def advance(self) -> Record:
         """The records of the next chunk, NumPy, leading axis ticks."""
         k = np.asarray(self._k)
-        self._memory, records = _advance_flat(
-            self._layouts, self._loop, self._memory, k, ticks=self._ticks, control_dt=self._control_dt
+        self._memory, records = _advance[self._k < self._short](
+            self._loop, self._memory, k, layouts=self._layouts, ticks=self._ticks, control_dt=self._control_dt
         )
         self._k += self._ticks
         return self._layouts.record.unflatten(np.asarray(records))
 
 
-_flatten = jax.jit(Layout.flatten, static_argnums=0)
+_flatten = in_one_piece(lambda tree, *, layout: layout.flatten(tree), quickly=True, static_argnames="layout")
 
 
 def stack(trees: list[Any]) -> Any:

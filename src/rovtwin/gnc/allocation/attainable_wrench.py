@@ -52,10 +52,14 @@ def attainable(
     b = weight * spent
     lower_x, upper_x = jnp.append(lowest / largest, 0.0), jnp.append(highest / largest, 1.0)
     preferred = jnp.zeros_like(lower_x).at[-1].set(_PULL)
-    x, misfit = preferred, jnp.zeros(6)
-    for _ in range(_PASSES):  # method of multipliers: what s gained by a misfit is asked back
+
+    def ask_back(before: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
+        """Method of multipliers: what s gained by a misfit is asked back."""
+        misfit = before[1]
         x = box_least_squares(A, b + misfit, lower_x, upper_x, preferred, _DAMPING)
-        misfit = misfit + b - A @ x
+        return (x, misfit + b - A @ x), None
+
+    (x, _), _ = jax.lax.scan(ask_back, (preferred, jnp.zeros(6)), length=_PASSES)
     enough = jnp.all(jnp.abs(A @ x - b) < 1e-4)
     return jnp.where(enough, bound * x[-1], 0.0)
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 from scipy.linalg import null_space
 
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
 from rovtwin.gnc.allocation.attainable_wrench import RemainingWrench, remaining
 from rovtwin.gnc.control.heave_feedback import TILTS
 from rovtwin.vehicle.analysis.stability import hang
@@ -110,4 +110,4 @@ def _pitches(model: Model, lost: np.ndarray, heave: float) -> bool:
     return bool(abs(moment) > np.tan(TILTS) * max(float(hang(model).stiffness[1]), 0.0))
 
 
-_remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))
+_remaining = jit_once(jax.vmap(remaining, in_axes=(None, 0)))

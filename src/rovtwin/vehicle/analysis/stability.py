@@ -19,7 +19,7 @@ import numpy as np
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
 from rovtwin.vehicle.analysis.hydrostatics import floating
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits, wrench_of_forces
 from rovtwin.vehicle.physics.dynamics import acceleration
@@ -119,7 +119,7 @@ def linearised(model: Model, surge_speed: Array) -> Array:
     return jax.jacfwd(rate)(start)
 
 
-_linearised_at = jax.jit(jax.vmap(linearised, in_axes=(None, 0)))
+_linearised_at = jit_once(jax.vmap(linearised, in_axes=(None, 0)))
 
 
 def linearised_at(model: Model, surge_speeds: np.ndarray) -> np.ndarray:
