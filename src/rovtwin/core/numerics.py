@@ -142,7 +142,7 @@ def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options:
 
     def call(*arguments: Any, **static: Any) -> Any:
         if not compiled:  # not before the first call, as the backend starts with it
-            how = options | ({"compiler_options": unoptimised()} if quickly else {})
+            how: dict[str, Any] = options | ({"compiler_options": unoptimised()} if quickly else {})
             compiled["plain"] = jax.jit(function, **how)
             compiled["whole"] = jax.jit(whole, **how) if jax.default_backend() == "cpu" else compiled["plain"]
         key = tuple(static.values())
