@@ -19,7 +19,7 @@ SOURCES := src tests $(wildcard benchmarks examples)
 .DEFAULT_GOAL := help
 # Two installations into one environment at once would hurt each other.
 .NOTPARALLEL:
-.PHONY: help install demo test test-all interpreters bench lint clean check-python system browser
+.PHONY: help install demo test test-system test-all interpreters bench lint docs clean check-python system browser
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -30,8 +30,11 @@ install: $(STAMP) ## make .venv with the package and all extras, at the pinned v
 demo: $(FULL) ## run the demonstration
 	$(BIN)/rovtwin demo
 
-test: $(STAMP) browser ## run the tests, without those marked slow
-	$(PYTEST) -m "not slow" $(ARGS)
+test: $(STAMP) ## run the tests, without those marked slow or system
+	$(PYTEST) -m "not slow and not system" $(ARGS)
+
+test-system: $(STAMP) browser ## run the tests that drive Chromium, MAVSDK and ROS
+	$(PYTEST) -m "system and not slow" $(ARGS)
 
 test-all: $(STAMP) browser ## run all tests
 	$(PYTEST) $(ARGS)
@@ -42,12 +45,18 @@ interpreters: $(STAMP) ## resolve the pins on every Python of 3.11, 3.12, 3.13 t
 bench: $(STAMP) ## run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)
 
-lint: $(STAMP) ## check style, format and types
+lint: $(STAMP) ## check style, format, types and JavaScript
 	@failed=; \
 	for check in "ruff check" "ruff format --check --output-format=concise"; do \
 	  echo "$$check"; $(BIN)/$$check --quiet $(SOURCES) || failed="$$failed [$$check]"; done; \
+	echo oxlint; $(BIN)/oxlint --quiet --deny-warnings src tests || failed="$$failed [oxlint]"; \
 	echo pyright; $(BIN)/pyright || failed="$$failed [pyright]"; \
 	test -z "$$failed" || { echo "lint: failed:$$failed" >&2; exit 1; }
+
+docs: $(STAMP) ## make pages of docs/ in build/docs
+	@$(PIP) -e '.[docs]'
+	@$(BIN)/sphinx-build -q -W --keep-going -b html docs build/docs
+	@echo "rovtwin: open build/docs/index.html"
 
 clean: ## remove .venv, caches, builds and runs
 	rm -rf $(VENV) build dist runs .pytest_cache .ruff_cache .hypothesis

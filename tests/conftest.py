@@ -31,7 +31,14 @@ _LONG = (
 )
 
 
+# What these drive was not written here, and takes its time to start: `make test-system`.
+_OUTSIDE = {"test_mavlink_mavsdk.py", "test_mavsdk_examples.py", "test_ros2_network.py"}
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.name in _OUTSIDE or "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.system)
     items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
 
 
@@ -46,17 +53,17 @@ SHARED = Path(__file__).parents[1] / ".." / "shared"
 
 
 def shared_folder(*parts: str) -> Path:
-    """A folder of the reference material kept beside the repository; the test is skipped where there is none."""
+    """A folder of logs without a licence, kept beside the repository; the test is skipped where there is none."""
     folder = SHARED.joinpath(*parts)
     if not folder.is_dir():
-        pytest.skip(f"no {'/'.join(parts)} beside the repository: reference material is not shipped")
+        pytest.skip(f"no {'/'.join(parts)} beside the repository: logs without a licence are not shipped")
     return folder.resolve()
 
 
 @pytest.fixture(scope="session")
 def fossen_folder() -> Path:
     """Results of Fossen's MSS toolbox, cross-checked against PythonVehicleSimulator."""
-    return shared_folder("reference", "fossen")
+    return Path(__file__).parent / "reference" / "fossen"
 
 
 @pytest.fixture(scope="session")

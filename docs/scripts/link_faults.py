@@ -59,7 +59,7 @@ def write(page: Path, done: dict[str, list[Row]], repeat: int) -> None:
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     often = "Once each" if repeat == 1 else f"Worst of {repeat}"
     parts = [f"{often}, on two cores that other programs used, too; {versions}."]
-    parts += [f"### {TITLES[kind]}\n\n{table(rows)}" for kind, rows in done.items() if rows]
+    parts += [f"## {TITLES[kind]}\n\n{table(rows)}" for kind, rows in done.items() if rows]
     text = page.read_text()
     page.write_text("".join([text.split(BEGIN)[0], BEGIN, "\n", "\n\n".join(parts), "\n\n", END, text.split(END)[1]]))
 

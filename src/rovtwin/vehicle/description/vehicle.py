@@ -79,7 +79,7 @@ class Vehicle:
         return power_sources(self.file, self.assembly.thrusters)
 
     def specific_power(self) -> np.ndarray:
-        """What each thruster draws, P = c |F|^1.5, ahead and astern, shape (n, 2) [W/N^1.5]."""
+        """What each thruster draws, `P = c |F|^1.5`, ahead and astern, shape (n, 2) [W/N^1.5]."""
         return specific_power(self.assembly.thrusters)
 
     @property

@@ -6,7 +6,6 @@ const SURE = Math.sqrt(7.815); // standard deviations within which three numbers
 const BELOW = 2; // metres below the deepest way-point where the grid lies when the floor is not known
 const NUMBERED = 60; // way-points that get a number, and the last one
 const NICE = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500];
-const UP = new THREE.Vector3(0, 0, -1);
 
 export class World {
   /** Children of `root` are in n; three.js has y up, so that x is shown to -z, y to x and z to -y. */
