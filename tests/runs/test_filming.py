@@ -81,7 +81,8 @@ def test_a_run_without_pictures_is_named(tmp_path, run):
 
 @pytest.mark.slow
 def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
-    from rovtwin.cli.identification.identify import _share, _tracked
+    from rovtwin.cli.identification.identify import _tracked
+    from rovtwin.cli.identification.identify_logs import share_of
     from rovtwin.cli.output import console
 
     pytest.importorskip("gtsam")
@@ -97,10 +98,10 @@ def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
     with pytest.raises(ConfigError, match="--track: found 'qr', expected aruco"):
         _tracked(console(False), vehicle, "qr", [])
     # Of a test, whose last pull is the strongest, nothing is held out unless that is asked for.
-    assert _share(console(False), None, {path: is_test}, False) == 1.0
+    assert share_of(console(False), None, {path: is_test}, False) == 1.0
     assert "nothing is held out" in capsys.readouterr().out
     others = ((0.7, {path: True}, False), (None, {path: True}, True), (None, {path: False}, False), (None, {}, False))
-    assert [_share(console(False), *one) for one in others] == [0.7, None, None, None]
+    assert [share_of(console(False), *one) for one in others] == [0.7, None, None, None]
 
 
 def test_two_scenes_one_camera_twice_and_the_wall_clock_are_named(tmp_path):
