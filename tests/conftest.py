@@ -7,6 +7,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+# Most programs of the tests run for seconds: to optimise them takes longer. XLA reads this when JAX is imported; the
+# processes that tests start inherit it.
+if "optimization_level" not in os.environ.get("XLA_FLAGS", ""):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
+
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
 
