@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-# Most programs of the tests run for seconds: to optimise them takes longer. XLA reads this when JAX is imported; the
+# Most programs of the tests run for seconds: to optimise them takes longer. XLA reads this when JAX is imported, and
 # processes that tests start inherit it.
 if "optimization_level" not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
