@@ -202,6 +202,12 @@ def test_a_log_of_several_tests_is_drawn_one_at_a_time(found, log):
         found.plot_prediction([log, log])
 
 
+def test_a_notebook_shows_each_parameter(found):
+    shown = found._repr_html_()
+    assert repr(found)[1:-1] in shown and shown.count("<tr") > len(found.theta)
+    assert found.plot("added_mass.surge").get_yticklabels()[0].get_text() == "added mass, surge"
+
+
 def test_figures_are_drawn_without_a_warning(found, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

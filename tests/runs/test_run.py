@@ -10,6 +10,7 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log
+from rovtwin.core.notebook import html_table
 from rovtwin.runs.batch import score_batch, score_seeds
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.fly import fly
@@ -35,6 +36,15 @@ def test_a_run_leaves_log_scenario_and_summary(flight):
     assert log["truth/eta"].t[-1] == pytest.approx(12.0)
     assert log["truth/eta"].values[0] == pytest.approx([0, 0, 0.5, 0, 0, 0])
     assert {"seed", "version", "python", "jax", "vehicle_table", "created"} <= set(log.metadata)
+
+
+def test_a_run_shows_its_figures_and_its_path_in_a_notebook(flight):
+    assert repr(flight).startswith("<Flight of short, seed 1: not completed: not finished after 12 s")
+    shown = flight._repr_html_()
+    for text in ("short, seed 1: not completed", "<th style='text-align:left'>duration</th><td>12 s</td>", "N/s"):
+        assert text in shown
+    assert "<script>" not in html_table("<script>", [("<script>", 1.0, "<script>")], ["<script>"])
+    assert max(len(line.get_xdata()) for line in flight.plot().lines) > 100
 
 
 def test_sensors_are_logged_at_their_own_rates_without_repeats(flight):

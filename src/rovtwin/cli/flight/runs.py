@@ -19,27 +19,6 @@ if TYPE_CHECKING:
     from rovtwin.scenario.schema import Scenario
     from rovtwin.vehicle import Model
 
-FIGURES = (
-    ("duration", "duration_s", "s"),
-    ("cross-track rms", "cross_track_rms_m", "m"),
-    ("cross-track max", "cross_track_max_m", "m"),
-    ("station rms", "station_rms_m", "m"),
-    ("depth rms", "depth_rms_m", "m"),
-    ("altitude rms", "altitude_rms_m", "m"),
-    ("largest roll", "roll_max_deg", "deg"),
-    ("largest pitch", "pitch_max_deg", "deg"),
-    ("position error rms, north / east", "position_error_rms_m", "m"),
-    ("bound (best filter), surge / sway", "bound_position_m", "m"),
-    ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),
-    ("  its 95 % interval if consistent", "nees_position_interval", ""),
-    ("effort", "effort_n2s", "N2 s"),
-    ("energy from the batteries", "energy_wh", "Wh"),
-    ("time saturated", "saturated_share", "%"),
-    ("thruster activity, rms", "thruster_activity_n_per_s", "N/s"),
-    ("ticks began late, 99 %", "late_ms_p99", "ms"),
-    ("  the latest", "late_ms_max", "ms"),
-)
-
 
 def fly(
     scenario: Annotated[
@@ -167,15 +146,14 @@ def _closing_table(flight: Any, screen: Console) -> None:
     done = "test done" if summary.get("test") else "completed"
     from rovtwin.core.flow import FAIL_SAFE_PHASES
     from rovtwin.report.run.verdict import overconfident
+    from rovtwin.runs.scoring import figures
 
     acted = "" if summary["phase"] not in FAIL_SAFE_PHASES else f"{summary['phase']}, "
     verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"
     rows = table("", "figure", "value")
     idle = ("cross_track_rms_m", "cross_track_max_m") if _stays(flight.scenario, summary) else ()
-    for label, key, unit in (row for row in FIGURES if row[1] not in idle):
-        judged = key != "nees_position_interval" or summary.get("nees_position_mean") is not None
-        if summary.get(key) is not None and judged:
-            rows.add_row(label, figure(100 * summary[key] if unit == "%" else summary[key], unit))
+    for label, value, unit in figures.rows({key: value for key, value in summary.items() if key not in idle}):
+        rows.add_row(label, figure(value, unit))
     screen.print(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", style="bold", markup=False)
     if summary.get("why"):
         screen.print(f"  {summary['why']}", markup=False)

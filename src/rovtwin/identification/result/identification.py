@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rovtwin._version import __version__
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.diagnostics.reliance import Standing, standing
 from rovtwin.identification.diagnostics.tested import Range
 from rovtwin.identification.diagnostics.validation import Prediction
@@ -98,6 +99,19 @@ class Identification:
         learnt = f"{self.verdicts.count('learnt')} of {len(self.verdicts)} parameters learnt"
         doubtful = ", not to be relied on" if self.doubts else ""
         return f"<Identification of {self.vehicle.name}: {learnt} from {tests} test{'s' * (tests != 1)}{doubtful}>"
+
+    def _repr_html_(self) -> str:
+        """What was learnt of each parameter, as a notebook shows it; without pandas the one line of `repr`."""
+        try:
+            table = self.summary()._repr_html_()
+        except ConfigError:
+            return f"<div>{escape(repr(self))}</div>"
+        doubts = "".join(f"<div>{escape(doubt)}</div>" for doubt in self.doubts)
+        return f"<div><b>{escape(repr(self)[1:-1])}</b>{doubts}{table}</div>"
+
+    def plot(self, names: Sequence[str] = (), truth: Mapping[str, float] | None = None) -> Axes:
+        """See `plot_intervals`."""
+        return self.plot_intervals(names, truth)
 
     @property
     def values(self) -> dict[str, float]:
