@@ -6,6 +6,7 @@ Sources are found by importing the package; a new one gets its line in RIGS. Lin
 import importlib
 import inspect
 import pkgutil
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +18,8 @@ from tests.links.serving import serving
 
 import rovtwin.links
 from rovtwin.core.link import Link, Source
+from rovtwin.links.cerulean.source import CeruleanSource
+from rovtwin.links.cerulean.wire import checksum
 from rovtwin.links.server import Server
 from rovtwin.links.waterlinked.dvl_server import DvlServer
 from rovtwin.links.waterlinked.dvl_source import DvlSource
@@ -82,7 +85,29 @@ def qtm_rig():
     return served_rig(QtmServer(port=port), lambda: QtmSource(HOST, port=port, sensors=SENSORS), set(SENSORS), 0.05)
 
 
+@contextmanager
+def cerulean_rig() -> Iterator[SourceRig]:
+    """A DVL that sends a sentence each time it measures."""
+    port, k = free_port(), [0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as dvl, CeruleanSource(HOST, port) as source:
+
+        def measure() -> None:
+            k[0] += 1
+            body = f"DVPDX,{50_000 * k[0]},50000,0,0,0,0.02,0.001,0,90,1,0,0,3.0"
+            dvl.sendto(f"${body}*{checksum(body):02X}\r\n".encode(), (HOST, port))
+
+        def reached() -> bool:
+            measure()
+            return bool(source.connections)
+
+        wait_until(reached, 10.0, every=0.05)
+        time.sleep(0.1)  # what is still on its way comes in
+        source.read()
+        yield SourceRig(source, measure, {"dvl", "altimeter"}, thread=source.where)
+
+
 RIGS = {
+    "cerulean.source.CeruleanSource": cerulean_rig,
     "qualisys.source.QtmSource": qtm_rig,
     "waterlinked.dvl_source.DvlSource": dvl_rig,
     "waterlinked.ugps_source.UgpsSource": ugps_rig,

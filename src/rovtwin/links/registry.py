@@ -18,6 +18,7 @@ BUILT_IN = {
     "ugps": "rovtwin.links.waterlinked.endpoint:UGPS",
     "qtm": "rovtwin.links.qualisys.endpoint:QTM",
     "dvl": "rovtwin.links.waterlinked.endpoint:DVL",
+    "cerulean": "rovtwin.links.cerulean.endpoint:CERULEAN",
     "ardusub-json": "rovtwin.links.ardusub_json.endpoint:ARDUSUB_JSON",
 }
 

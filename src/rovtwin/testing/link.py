@@ -150,7 +150,7 @@ def lets_commands_expire(rig: LinkRig) -> None:
 
 
 def closes_twice(rig: LinkRig) -> None:
-    """A closed link can be closed, stopped and told again, and has nothing to say."""
+    """A closed link can be closed, stopped and commanded again, and gives no reading."""
     rig.send(0.5, 0.5, 0.5)
     rig.link.close()
     rig.link.close()

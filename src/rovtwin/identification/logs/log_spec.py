@@ -4,15 +4,18 @@ Every reader turns its file into tables (named blocks of columns over one clock)
 and which frame, is said in this one language, by the user or, where a format says it itself, by the reader.
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from rovtwin.core.config import Degrees3, NonNegative, Number, Strict, Vector3, near
+from rovtwin.core.plugins import READERS, installed
 from rovtwin.identification.logs.record import SIGNALS
 
 Column = int | str
-Format = Literal["auto", "rovtwin", "csv", "npz", "qtm", "c3d", "rosbag", "blueye", "dataflash", "tlog", "ulog"]
+FORMATS = ("auto", "rovtwin", "csv", "npz", "qtm", "c3d", "rosbag", "blueye", "dataflash", "tlog", "ulog")
+Format = Annotated[str, AfterValidator(lambda value: _known_format(value))]
+"""One of FORMATS, or an entry point of rovtwin.readers."""
 Estimate = Literal["estimate"]
 
 # To SI, by which kind of quantity a unit belongs to.
@@ -113,6 +116,12 @@ class SourceSpec(Strict):
             if unit is not None and unit not in known:
                 raise ValueError(f"{name}.unit: found {unit!r}, expected one of {', '.join(known)}")
         return value
+
+
+def _known_format(value: str) -> str:
+    if value not in FORMATS and value not in (others := installed(READERS)):
+        raise ValueError(f"found {value!r}, expected one of {', '.join([*FORMATS, *others])}")
+    return value
 
 
 def factor(name: str, unit: str | None) -> tuple[float, str]:

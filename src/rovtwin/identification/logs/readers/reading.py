@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rovtwin.core.config import near
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import IdentificationError, RovtwinError
+from rovtwin.core.plugins import READERS, installed, load
 from rovtwin.identification.logs.evidence_file import Evidence, LogSpec, Use
 from rovtwin.identification.logs.log_spec import SourceSpec
 from rovtwin.identification.logs.readers.assemble import Part, part_of
@@ -81,7 +82,10 @@ def detect(path: Path) -> str:
     if path.suffix == ".mcap":
         return "rovtwin" if _is_ours(path) else "rosbag"
     if path.suffix.lower() not in SUFFIXES:
-        known = ", ".join([".mcap", *SUFFIXES])
+        others = installed(READERS)
+        if path.suffix.lower().removeprefix(".") in others:
+            return path.suffix.lower().removeprefix(".")
+        known = ", ".join([".mcap", *SUFFIXES, *(f".{name}" for name in others)])
         raise IdentificationError(f"{path}: unknown ending {path.suffix!r}, expected {known}; or give 'format'")
     return SUFFIXES[path.suffix.lower()]
 
@@ -112,7 +116,24 @@ def read_raw(path: Path, source: SourceSpec, vehicle: Vehicle) -> Raw:
         "tlog": lambda: read_tlog(path, vehicle),
         "ulog": lambda: read_ulog(path, vehicle),
     }
-    return readers[kind]()
+    return readers[kind]() if kind in readers else _read_by_plugin(kind, path, vehicle)
+
+
+def _read_by_plugin(kind: str, path: Path, vehicle: Vehicle) -> Raw:
+    """What the reader of another package makes of a file: `read(path, vehicle) -> Raw`.
+
+    Raises:
+        IdentificationError: It cannot be loaded, fails, or gives something else.
+    """
+    try:
+        raw = load(kind, READERS, f"{path}: format {kind}")(path, vehicle)
+    except RovtwinError as error:
+        raise IdentificationError(str(error)) from error
+    except Exception as error:  # of somebody else's code: anything
+        raise IdentificationError(f"{path}: the reader of {kind} failed: {type(error).__name__}: {error}") from error
+    if not isinstance(raw, Raw):
+        raise IdentificationError(f"{path}: the reader of {kind} gave {type(raw).__name__}, expected Raw")
+    return raw
 
 
 def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None) -> Record:

@@ -1,0 +1,94 @@
+"""The pages under docs/extending: their code runs, from the files and entry points that they describe."""
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.packages import install
+
+import rovtwin
+import rovtwin.cli
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.logs.readers import detect, read_record
+from rovtwin.live.connect import source
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.pace import Clock
+
+PAGES = Path(__file__).parents[1] / "docs" / "extending"
+LONGEST = 32  # lines of code of a page's plug-in
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", (PAGES / page).read_text(), re.S)
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """Installs the module of a page; gives its other Python blocks, to be run with its names."""
+    modules = []
+
+    def done(page: str, module: str, points: dict) -> tuple[list[str], dict]:
+        first, *others = blocks(page, "python")
+        assert len([line for line in first.splitlines() if line.strip()]) <= LONGEST
+        monkeypatch.syspath_prepend(install(tmp_path / "site", module, first, points))
+        modules.append(module)
+        names: dict = {}
+        exec(first, names)
+        return others, names
+
+    yield done
+    for module in modules:
+        sys.modules.pop(module, None)
+
+
+@pytest.mark.slow
+def test_a_block(installed, tmp_path, monkeypatch):
+    (flown, checked), names = installed("block.md", "sliding", {"rovtwin.blocks": {"sliding": "sliding:SlidingMode"}})
+    exec(flown, names)
+    assert np.abs(names["flight"].log["truth/eta"].values[-1]).max() > 0.0
+    exec(checked, names)
+    (line,) = blocks("block.md", "sh")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [*shlex.split(line), "--set", "duration=1", "--no-report", "--out", "run"])
+    with pytest.raises(SystemExit) as stopped:
+        rovtwin.cli.main()
+    assert stopped.value.code == 1 and (tmp_path / "run" / "log.mcap").is_file()
+
+
+def test_the_blocks_section_of_a_scenario(installed):
+    import yaml
+
+    installed("block.md", "sliding", {"rovtwin.blocks": {"sliding": "sliding:SlidingMode"}})
+    (text,) = blocks("block.md", "yaml")
+    scenario = rovtwin.load_scenario(rovtwin.load_scenario("square").model_dump(mode="json") | yaml.safe_load(text))
+    assert float(compose(scenario).loop.autopilot.control.gain) == 20.0
+
+
+def test_a_link(installed):
+    (checked,), names = installed("link.md", "sounder", {"rovtwin.links": {"sounder": "sounder:SOUNDER"}})
+    with source("sounder://127.0.0.1:9470", Clock()) as sounder:
+        assert sounder.read() == []
+    exec(checked, names)
+
+
+def test_a_reader(installed, tmp_path):
+    installed("reader.md", "datalogger", {"rovtwin.readers": {"dlg": "datalogger:read"}})
+    vehicle = rovtwin.load_vehicle("double_blueye")
+    t = np.arange(0.0, 10.0, 0.1)
+    motion = np.stack([2.0 + 0.1 * np.sin(t), *np.zeros((2, t.size)), 90.0 + t])
+    path = tmp_path / "pool.dlg"
+    np.savetxt(path, np.column_stack([t, motion.T, np.full((t.size, 6), 0.25)]))
+    assert detect(path) == "dlg"
+    record = read_record(path, vehicle)
+    np.testing.assert_allclose(record.signals["attitude"].value[0, 2], np.pi / 2)
+    np.testing.assert_allclose(record.signals["depth"].value[:, 0], motion[0])
+    assert record.command.shape[1] == 6 and (record.command == 0.25).all()
+    path.write_text("nothing\n")
+    with pytest.raises(IdentificationError, match=r"pool.dlg: the reader of dlg failed: ValueError"):
+        read_record(path, vehicle)
+    with pytest.raises(IdentificationError, match="unknown ending '.xyz'.*.dlg"):
+        path.rename(tmp_path / "pool.xyz")
+        detect(tmp_path / "pool.xyz")
