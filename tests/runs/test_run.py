@@ -73,6 +73,13 @@ def test_a_run_in_memory_is_the_run_on_disk(flight, short):
     assert flight.log.equal_data(fly(short).log)
 
 
+def test_progress_says_when_a_long_run_is_compiled_again(short, monkeypatch):
+    monkeypatch.setattr("rovtwin.runs.fly.SHORT", 150)
+    seen = []
+    fly(short, progress=lambda t, phase: seen.append((round(t), "compiling" in phase)))
+    assert [t for t, again in seen if again] == [3] and len(seen) > 10
+
+
 def test_a_run_never_overwrites_another(flight, short):
     with pytest.raises(ConfigError, match="exists already"):
         fly(short, flight.folder)

@@ -23,7 +23,7 @@ from rovtwin.runs.compose.fitting import assumptions
 from rovtwin.runs.compose.sensors import assumed_sensors
 from rovtwin.runs.feasibility.mission import foreseen
 from rovtwin.runs.interrupt import Interrupt
-from rovtwin.runs.loop import Record
+from rovtwin.runs.loop import SHORT, Record
 from rovtwin.runs.recording.channels import log_channels
 from rovtwin.runs.recording.filming import Filming
 from rovtwin.runs.recording.provenance import provenance, scenario_to_replay
@@ -211,12 +211,16 @@ def _run(
     stream: Iterator[Record] = source(
         simulation.loop, simulation.key, simulation.start, scenario.control_dt, scenario.duration
     )
+    ticks = 0
     with Interrupt() as interrupt:
         for record in stream:
             for take in takers:
                 take(record)
             if progress:
-                progress(recorder.seconds, PHASES[int(record.autopilot.setpoint.phase[-1])])
+                phase = PHASES[int(record.autopilot.setpoint.phase[-1])]
+                before, ticks = ticks, ticks + len(record.autopilot.setpoint.phase)
+                longer = before < SHORT <= ticks and not realtime
+                progress(recorder.seconds, f"{phase}; compiling for a long run" if longer else phase)
             if interrupt.asked:
                 return True
     return False
