@@ -3,6 +3,7 @@
 import re
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from tests.packages import install
 
 import rovtwin
 import rovtwin.cli
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.block import Start
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.logs.readers import detect, read_record
 from rovtwin.live.connect import source
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.pace import Clock
+from rovtwin.vehicle.physics.dynamics import State
 
 PAGES = Path(__file__).parents[1] / "docs" / "extending"
 LONGEST = 32  # lines of code of a page's plug-in
@@ -65,6 +68,27 @@ def test_the_blocks_section_of_a_scenario(installed):
     (text,) = blocks("block.md", "yaml")
     scenario = rovtwin.load_scenario(rovtwin.load_scenario("square").model_dump(mode="json") | yaml.safe_load(text))
     assert float(compose(scenario).loop.autopilot.control.gain) == 20.0
+
+
+def test_a_force(installed):
+    import yaml
+
+    installed("force.md", "kelp", {"rovtwin.blocks": {"kelp": "kelp:Kelp"}})
+    (text,) = blocks("force.md", "yaml")
+    square = rovtwin.load_scenario("square").model_dump(mode="json")
+    run = compose(rovtwin.load_scenario(square | {"world": square["world"] | yaml.safe_load(text)["world"]}))
+    twin = run.loop.twin
+    world, state = twin.world, State.at(twin.model, Start.at((3.0, 0.0, 2.0)))
+    state = replace(state, nu=state.nu.at[0].set(0.5))
+    _, there = world.step(world.init(run.key, run.start), state, 0.002)
+    ours = replace(world, forces=())
+    _, without = ours.step(ours.init(run.key, run.start), state, 0.002)
+    # In the middle of one patch, a radius of 2 m from that of the other by 1 m.
+    expected = -40.0 * 0.5 * (1.0 + np.exp(-0.25))
+    np.testing.assert_allclose(there.wrench - without.wrench, [expected, 0, 0, 0, 0, 0], atol=1e-12)
+    wrong = square | {"world": square["world"] | {"forces": ["kelp:jnp"]}}
+    with pytest.raises(ConfigError, match=r"square: world.forces\[0\]: kelp:jnp: found module"):
+        compose(rovtwin.load_scenario(wrong))
 
 
 def test_a_link(installed):

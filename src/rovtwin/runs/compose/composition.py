@@ -24,6 +24,7 @@ from rovtwin.runs.compose.faults import faults_of, listed
 from rovtwin.runs.compose.fit_experiment import fitted_test
 from rovtwin.runs.compose.fitting import fitted
 from rovtwin.runs.compose.inside import require_inside
+from rovtwin.runs.compose.own_blocks import forces_of
 from rovtwin.runs.compose.sensors import OnBoard, on_board, sensors_of, together
 from rovtwin.runs.compose.tethers import tethers_of
 from rovtwin.runs.compose.topside import topside_of
@@ -152,13 +153,15 @@ def compose(
     require_inside(scenario, model)
     start = start_of(scenario, plant)
     tethers = tethers_of(scenario.world, vehicle, start)
+    physics_dt = scenario.control_dt / scenario.substeps
+    forces = forces_of(scenario.world.forces, plant, start, physics_dt, f"{scenario.name}: world.forces")
     loop = Loop(
         autopilot=experiment_of(scenario, model, vehicle, sensors)
         if scenario.test
         else autopilot_of(scenario, model, sensors, way_points(scenario, model), list(vehicle.thruster_names), own),
         twin=Twin(
             plant,
-            world_of(scenario.world),
+            world_of(scenario.world, forces),
             sensors,
             scenario.substeps,
             faults_of(scenario, list(vehicle.thruster_names), list(tethers)),

@@ -6,11 +6,11 @@ the scenario's `settings`.
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from rovtwin.core.block import Block
+from rovtwin.core.block import Block, Start
 from rovtwin.core.contract import form_of, require_block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
@@ -19,6 +19,9 @@ from rovtwin.core.plugins import BLOCKS, load
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput
 from rovtwin.scenario.schema import ModelBasedSection
+from rovtwin.scenario.schema.own_block import OwnBlock
+from rovtwin.vehicle import Model
+from rovtwin.vehicle.physics.dynamics import State
 
 PLACES = {"observer": "observer", "guidance": "guidance", "reference": "reference", "controller": "control",
           "allocation": "allocation"}  # fmt: skip
@@ -57,7 +60,7 @@ def with_own_blocks(
             block = _handed_over(key, one.given, given, label)
         else:
             block = made(load(one.block, BLOCKS, label), offered, one.settings, f"{label}: {one.block}")
-        block = _of_arrays(block, label)
+        block = of_arrays(block, label)
         ours = getattr(autopilot, PLACES[key])
         _, _, output = form_of(ours, inputs[key], offered["dt"], label)
         require_block(block, inputs[key], output, offered["dt"], f"{label}: {one.label}")
@@ -88,7 +91,7 @@ def made(target: Any, offered: Mapping[str, Any], settings: Mapping[str, Any], w
         raise ConfigError(f"{where}: cannot be made: {type(error).__name__}: {error}") from error
 
 
-def _of_arrays(block: Any, where: str) -> Any:
+def of_arrays(block: Any, where: str) -> Any:
     """A block whose numbers are arrays: the compiled loop takes nothing else.
 
     Raises:
@@ -103,6 +106,31 @@ def _of_arrays(block: Any, where: str) -> Any:
                 "number or an array; declare what is none by equinox.field(static=True)"
             )
     return jax.tree.map(lambda leaf: as_array(leaf) if isinstance(leaf, float) else jnp.asarray(leaf), block)
+
+
+def forces_of(forces: Sequence[OwnBlock], plant: Model, start: Start, dt: float, where: str) -> tuple[Block, ...]:
+    """Forces on the hull: each takes the State of the vehicle and gives a wrench, b at CO [N, N m], shape (6,).
+
+    Args:
+        forces: Of the scenario's world.
+        plant: The vehicle as it truly is, which is handed over as `model`.
+        start: Where the run begins.
+        dt: Physics step [s].
+        where: Of the forces, for messages.
+
+    Raises:
+        ConfigError: One cannot be found or made, or does not take and give that.
+    """
+    blocks = []
+    for i, one in enumerate(forces):
+        label = f"{where}[{i}]"
+        if not one.block:
+            raise ConfigError(f"{label}: found no block, expected package.module:Name, or an entry point of {BLOCKS}")
+        offered = {"model": plant, "dt": dt}
+        block = of_arrays(made(load(one.block, BLOCKS, label), offered, one.settings, f"{label}: {one.block}"), label)
+        require_block(block, State.at(plant, start), jnp.zeros(6), dt, f"{label}: {one.block}")
+        blocks.append(block)
+    return tuple(blocks)
 
 
 def _inputs(autopilot: Autopilot, empty: Measurements, dt: float) -> dict[str, Any]:
@@ -133,7 +161,7 @@ def whole_autopilot(
     """
     if not section.given:
         return ours
-    block = _of_arrays(_handed_over("autopilot", section.given, given, where), where)
+    block = of_arrays(_handed_over("autopilot", section.given, given, where), where)
     input = AutopilotInput(empty, jnp.asarray(NO_REQUEST))
     _, _, output = form_of(ours, input, dt, where)
     require_block(block, input, output, dt, f"{where}: {section.given}")

@@ -55,8 +55,8 @@ def in_water(world: WorldSection, vehicle: Vehicle, model: Model) -> Model:
     return model if world.water is None else vehicle.model(water_density=world.water.kg_per_m3)
 
 
-def world_of(world: WorldSection) -> World:
-    """Current, waves, surface, floor and walls."""
+def world_of(world: WorldSection, forces: tuple[Block, ...] = ()) -> World:
+    """Current, waves, surface, floor and walls, with forces of one's own."""
     tank = world.tank
     return World(
         current=_current_of(world),
@@ -65,6 +65,7 @@ def world_of(world: WorldSection) -> World:
         walls=walls_of(tank and tank.north, tank and tank.east, world.floor),
         floor=None if world.floor is None else as_array(world.floor),
         relief=relief_of(world),
+        forces=forces,
     )
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.scenario.schema.own_block import OwnBlock, by_short_form
 from rovtwin.scenario.schema.tether import TethersSection
 from rovtwin.scenario.schema.water import WaterSection
 
@@ -163,6 +164,9 @@ class WorldSection(Strict):
     tethers: TethersSection | None = Field(
         default=None, description="true: all that the vehicle has, tended from above the start"
     )
+    forces: list[OwnBlock] = Field(
+        default_factory=list, description="forces of your own on the hull: package.module:Name, or entry points"
+    )
     mismatch: MismatchSection | None = None
     net_buoyancy: Number = Field(default=0.0, description="added to the plant, not to the autopilot's model [N]")
     thruster_health: dict[str, Share] = Field(
@@ -186,6 +190,11 @@ class WorldSection(Strict):
                 f"found {value!r}, expected three numbers [north, east, down] in m/s, such as [0.2, 0, 0], or a mapping"
             )
         return value
+
+    @field_validator("forces", mode="before")
+    @classmethod
+    def _force_by_address(cls, value: Any) -> Any:
+        return [by_short_form(one) for one in value] if isinstance(value, list) else value
 
     @field_validator("waves", mode="before")
     @classmethod

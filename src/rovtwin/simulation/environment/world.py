@@ -20,6 +20,7 @@ class WorldMemory(eqx.Module):
 
     current: object
     waves: object
+    forces: tuple[object, ...] = ()
 
 
 class World(Block):
@@ -32,6 +33,7 @@ class World(Block):
         walls: Floor, the last of them, and walls.
         floor: Depth z in n of a level floor [m], for altimeters; its plane is among the walls.
         relief: Of a floor that is not level; the plane among the walls is then the one that touches it below CO.
+        forces: What else acts on the hull: `step(memory, State, dt) -> (memory, wrench in b at CO [N, N m], (6,))`.
     """
 
     current: Current | None = None
@@ -40,12 +42,14 @@ class World(Block):
     walls: Walls | None = None
     floor: Array | None = None
     relief: Relief | None = None
+    forces: tuple[Block, ...] = ()
 
     def init(self, key: Array, start: Start) -> WorldMemory:
-        """Memory of current and waves, each with random numbers of its own."""
+        """Memory of current, waves and forces, each with random numbers of its own."""
         return WorldMemory(
             None if self.current is None else self.current.init(key_for(key, "current"), start),
             None if self.waves is None else self.waves.init(key_for(key, "waves"), start),
+            tuple(force.init(key_for(key, f"force {i}"), start) for i, force in enumerate(self.forces)),
         )
 
     def step(self, memory: WorldMemory, input: State, dt: float) -> tuple[WorldMemory, Environment]:
@@ -61,6 +65,12 @@ class World(Block):
         force = jnp.zeros(3)
         if action.force is not None:
             force = action.force @ rotation_from_quaternion(input.attitude)
+        wrench = jnp.concatenate([force, jnp.zeros(3)])
+        forces = []
+        for acting, before in zip(self.forces, memory.forces, strict=True):
+            after, added = acting.step(before, input, dt)
+            forces.append(after)
+            wrench = wrench + added
         surface = self.surface
         if surface is not None and action.elevation is not None:
             surface = surface - action.elevation
@@ -68,7 +78,7 @@ class World(Block):
         environment = Environment(
             velocity=water.velocity,
             rate=water.rate,
-            wrench=jnp.concatenate([force, jnp.zeros(3)]),
+            wrench=wrench,
             place=input.position,
             gradient=water.gradient,
             head=action.head,
@@ -77,7 +87,7 @@ class World(Block):
             floor=floor,
             slope=slope,
         )
-        return WorldMemory(current, waves), environment
+        return WorldMemory(current, waves, tuple(forces)), environment
 
     def bounds_at(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
         """Walls, depth of the floor [m] and its slope, shape (2,), below a place (3,)."""
