@@ -128,7 +128,7 @@ async def _in_control(port: int) -> AsyncIterator[Any]:
         yield page
 
 
-async def _hear(page: Any) -> None:
+async def _receive(page: Any) -> None:
     async for _ in page:
         pass
 
@@ -184,7 +184,7 @@ async def _flood(port: int, begun: Begun) -> None:
             for i in itertools.count():
                 await page.send(json.dumps({"do": "plan", "op": "edit", "i": i % 400, "x": float(i % 7), "id": i}))
 
-        await asyncio.gather(change(), _hear(page))
+        await asyncio.gather(change(), _receive(page))
 
 
 async def _viewers(port: int, begun: Begun) -> None:
@@ -194,7 +194,7 @@ async def _viewers(port: int, begun: Begun) -> None:
         while True:
             with contextlib.suppress(OSError, WebSocketException, TimeoutError):
                 async with _page(port, f"v{i}") as page:
-                    await asyncio.gather(_hear(page), _live(page))
+                    await asyncio.gather(_receive(page), _live(page))
             await asyncio.sleep(random.uniform(5.0, 10.0))
 
     viewing = [asyncio.create_task(one(i)) for i in range(CROWD)]

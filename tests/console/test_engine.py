@@ -12,7 +12,7 @@ pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin
 
 from rovtwin.cli.flight.console import _require_flyable
 from rovtwin.console.engine import engine as module
-from rovtwin.console.engine import flights, ticker, vessel
+from rovtwin.console.engine import flights, ticker, vehicle_session
 from rovtwin.console.engine.bridge import Bridge
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import Changes, plan_message
@@ -100,7 +100,7 @@ class FakeBuilder:
         return made
 
 
-class FakeTeller:
+class FakePublisher:
     def __init__(self, address):
         self.events, self.states, self.again = [], [], False
 
@@ -144,7 +144,7 @@ class FakeFlight:
 def engine(monkeypatch):
     """An engine with a vehicle that is connected, not armed."""
     monkeypatch.setattr(module, "SessionBuilder", FakeBuilder)
-    monkeypatch.setattr(module, "Publisher", FakeTeller)
+    monkeypatch.setattr(module, "Publisher", FakePublisher)
     monkeypatch.setattr(module, "setup_of", lambda *_: {})
     monkeypatch.setattr(ticker, "flown", lambda *_: dict(RESTING))
     monkeypatch.setattr(ticker.Consistency, "take", lambda *_: None)
@@ -191,8 +191,8 @@ def events_with(engine, text):
 
 
 def test_a_mistake_of_ours_ends_thrust_and_is_reported_and_the_loop_goes_on(engine):
-    armed(engine).vessel.helm.breaks = TypeError("a mistake of ours")
-    link, begin = engine.vessel.link, engine._builder.begin
+    armed(engine).session.helm.breaks = TypeError("a mistake of ours")
+    link, begin = engine.session.link, engine._builder.begin
     sent = link.sent
     engine._builder.begin = lambda: None  # the loop would make a vehicle anew
     run(engine, 8)
@@ -222,7 +222,7 @@ def test_a_vehicle_that_is_lost_as_it_is_taken_over_is_closed(engine):
 
 
 def test_what_has_changed_of_the_vehicle_is_an_event_an_alert_and_a_message(engine):
-    watch = armed(engine).vessel.watch
+    watch = armed(engine).session.watch
     watch.coming, watch.names = ["surge drag +14 ± 3 % since the identification"], ["surge drag"]
     turn(engine)
     turn(engine)
@@ -256,7 +256,7 @@ def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
     def lost():
         raise LinkError("no word from it")
 
-    engine.vessel.mux.read = lost
+    engine.session.mux.read = lost
     turn(engine)
     assert order[-2:] == ["close", "log"] and engine._stage == "lost"
     assert events_with(engine, "link lost: no word from it") == ["danger"]
@@ -266,10 +266,10 @@ def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
 def test_a_log_that_fails_in_flight_ends_no_flight(engine, error):
     flight = armed(engine)._logbook._flight
     flight.breaks = error
-    sent = engine.vessel.link.sent
+    sent = engine.session.link.sent
     turn(engine)
     turn(engine)
-    assert engine.switch.armed and engine.vessel.link.sent >= sent + 2
+    assert engine.switch.armed and engine.session.link.sent >= sent + 2
     assert events_with(engine, "flying on without a log") == ["danger"] and flight.endings == ["the log failed"]
     engine.stop()
     assert not engine.switch.armed and engine.switch.stopped
@@ -290,7 +290,7 @@ def test_without_room_for_a_log_nothing_is_armed(engine, monkeypatch):
 
 def test_a_stop_that_went_past_us_is_noticed_while_time_stands_still(engine):
     armed(engine).run_at(None, False)
-    engine.vessel.link.stopped_at = time.monotonic()
+    engine.session.link.stopped_at = time.monotonic()
     turn(engine)
     assert engine.switch.stopped and not engine.switch.armed and events_with(engine, "STOP") == ["danger"]
 
@@ -301,7 +301,7 @@ def test_arming_comes_to_an_end_while_time_stands_still(engine):
     for _ in range(100):  # the log is opened beside the loop
         if not engine.switch.armed:
             turn(engine)
-    assert engine.switch.armed and engine.vessel.link.sent == 0
+    assert engine.switch.armed and engine.session.link.sent == 0
 
 
 def test_a_vehicle_that_cannot_be_closed_keeps_nobody_from_ending(engine):
@@ -309,24 +309,26 @@ def test_a_vehicle_that_cannot_be_closed_keeps_nobody_from_ending(engine):
         raise OSError("its socket broke")
 
     flight = armed(engine)._logbook._flight
-    engine.vessel.close = broken
+    engine.session.close = broken
     engine.over = True
     engine.run(lambda: None, lambda seconds: None)
     assert flight.endings == ["ended"]
 
 
-def test_a_yard_makes_no_second_vessel_while_one_waits_to_be_taken(monkeypatch):
+def test_a_builder_makes_no_second_session_while_one_waits_to_be_taken(monkeypatch):
     """Two would steer one vehicle, and STOP would reach the newer one only."""
     made = []
-    monkeypatch.setattr(vessel.SessionBuilder, "_vessel", lambda self: made.append(1) or f"vessel {len(made)}")
-    yard = vessel.SessionBuilder(SimpleNamespace(), 1.0, lambda stage, note: None)
+    monkeypatch.setattr(
+        vehicle_session.SessionBuilder, "_session", lambda self: made.append(1) or f"vessel {len(made)}"
+    )
+    builder = vehicle_session.SessionBuilder(SimpleNamespace(), 1.0, lambda stage, note: None)
     for _ in range(2):
-        yard.begin()
-        yard._thread.join(2.0)
-    assert made == [1] and yard.ready() == "vessel 1" and yard.ready() is None
-    yard.begin()
-    yard._thread.join(2.0)
-    assert yard.ready() == "vessel 2"
+        builder.begin()
+        builder._thread.join(2.0)
+    assert made == [1] and builder.ready() == "vessel 1" and builder.ready() is None
+    builder.begin()
+    builder._thread.join(2.0)
+    assert builder.ready() == "vessel 2"
 
 
 def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
@@ -337,14 +339,14 @@ def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
             raise LinkError("port in use")
         return fine
 
-    yard = vessel.SessionBuilder(
+    builder = vehicle_session.SessionBuilder(
         SimpleNamespace(is_twin=False, link="x", sensors=("good", "bad")), 1.0, lambda *_: None
     )
-    yard._helm = (None, None, None, None)
-    monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: closed.append("link")))
-    monkeypatch.setattr(vessel, "source", source)
+    builder._helm = (None, None, None, None)
+    monkeypatch.setattr(builder, "_open", lambda: SimpleNamespace(close=lambda: closed.append("link")))
+    monkeypatch.setattr(vehicle_session, "source", source)
     with pytest.raises(LinkError):
-        yard._vessel()
+        builder._session()
     assert closed == ["link", "source"]
 
 
@@ -361,7 +363,7 @@ class Plain:
     """An engine that only keeps what it was asked."""
 
     def __init__(self):
-        self.asked, self.vessel, self.may_arm, self.is_twin = [], None, True, True
+        self.asked, self.session, self.may_arm, self.is_twin = [], None, True, True
         self.switch = SimpleNamespace(armed=False, arming=False)
 
     def stop(self):
@@ -419,7 +421,7 @@ def moored(bridge, scenario, twin, at=None, model=None):
     model, taken = model or load_vehicle("double_blueye").model(), []
     simulation = SimpleNamespace(model=model, loop=SimpleNamespace(twin=SimpleNamespace(model=model)))
     bridge._engine = SimpleNamespace(
-        vessel=SimpleNamespace(helm=Moored(model, at), simulation=simulation),
+        session=SimpleNamespace(helm=Moored(model, at), simulation=simulation),
         is_twin=twin,
         switch=SimpleNamespace(armed=at is not None),
         scenario_with=lambda w: scenario.model_copy(update={"mission": MissionSection(waypoints=w)}),
@@ -478,25 +480,25 @@ def test_what_is_made_ready_is_reported_step_by_step(monkeypatch, tmp_path):
 
     def say(stage, note):
         notes.append((stage, note))
-        if yard.step is not None:
-            steps.append(yard.step.message())
+        if builder.step is not None:
+            steps.append(builder.step.message())
 
     def compiled():
-        yard._go_on(2)
+        builder._go_on(2)
         time.sleep(0.02)
-        yard._go_on(3)
+        builder._go_on(3)
         raise LinkError("no such vehicle")
 
-    yard = vessel.SessionBuilder(SimpleNamespace(is_twin=True, sensors=(), link="twin://"), 1.0, say)
-    monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: None))
-    monkeypatch.setattr(yard, "_compiled", compiled)
-    yard._make()
+    builder = vehicle_session.SessionBuilder(SimpleNamespace(is_twin=True, sensors=(), link="twin://"), 1.0, say)
+    monkeypatch.setattr(builder, "_open", lambda: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(builder, "_compiled", compiled)
+    builder._make()
     assert [(one["step"], one["of"], one["what"]) for one in steps[:3]] == [
-        (i + 1, 5, what) for i, what in enumerate(vessel.STEPS[:3])
+        (i + 1, 5, what) for i, what in enumerate(vehicle_session.STEPS[:3])
     ]
     assert steps[2]["whole"] >= 0.02 > steps[2]["seconds"]
     assert notes[1] == ("connecting", "compiling the autopilot (2 of 5)") and notes[-1] == ("lost", "no such vehicle")
-    assert yard.step is None
+    assert builder.step is None
 
 
 def test_what_the_operator_asked_for_is_no_alarm():

@@ -30,24 +30,24 @@ FLIES = ("start", "pause", "resume", "abort", "hold", "goto", "pilot")
 def ask(engine, tmp_path):  # noqa: F811  (the fixture, not the import)
     """Give an order over the socket, as the web server does; its answer, which must be there at once."""
     where = f"ipc://{tmp_path / 'orders'}"
-    made, mouth = Bridge(engine, where), zmq.Context.instance().socket(zmq.DEALER)
-    mouth.connect(where)
+    made, order_socket = Bridge(engine, where), zmq.Context.instance().socket(zmq.DEALER)
+    order_socket.connect(where)
     number = [100]
 
     def ask(do, /, age=0.0, **what):
         number[0] += 1
         message = {"do": do, "id": number[0], "sent": time.monotonic() - age} | ORDERS.get(do, {}) | what
-        mouth.send(json.dumps(message).encode())
+        order_socket.send(json.dumps(message).encode())
         made.wait(5.0)
         made.obey()
-        assert mouth.poll(5000), f"{do} was not answered"
-        answer = json.loads(mouth.recv())
+        assert order_socket.poll(5000), f"{do} was not answered"
+        answer = json.loads(order_socket.recv())
         assert answer["id"] == number[0]
         return answer
 
     ask.bridge = made
     yield ask
-    mouth.close(0)
+    order_socket.close(0)
     made.close()
 
 
@@ -130,10 +130,10 @@ def test_a_flood_of_orders_leaves_time_for_ticks_and_for_the_end(ask, engine, mo
         obeyed.append(time.sleep(0.002))
 
     monkeypatch.setattr(made, "_check", slowly)
-    with zmq.Context.instance().socket(zmq.DEALER) as mouth:
-        mouth.connect(made._socket.getsockopt(zmq.LAST_ENDPOINT).decode())
+    with zmq.Context.instance().socket(zmq.DEALER) as order_socket:
+        order_socket.connect(made._socket.getsockopt(zmq.LAST_ENDPOINT).decode())
         for _ in range(200):
-            mouth.send(json.dumps({"do": "check", "sent": time.monotonic()} | PLAN).encode())
+            order_socket.send(json.dumps({"do": "check", "sent": time.monotonic()} | PLAN).encode())
         made.wait(5.0)
         time.sleep(0.1)
         made.obey()

@@ -144,11 +144,11 @@ def test_a_listener_that_is_slow_loses_the_oldest_readings():
 def test_disarming_counts_when_two_servers_command_one_drone():
     protocols = Protocols.__new__(Protocols)
     protocols._commands = {}
-    protocols._hear(10.0, PilotCommand("", True))
-    protocols._hear(10.1, PilotCommand("", False))
-    protocols._hear(10.15, PilotCommand("", True))
+    protocols._receive(10.0, PilotCommand("", True))
+    protocols._receive(10.1, PilotCommand("", False))
+    protocols._receive(10.15, PilotCommand("", True))
     assert not protocols._commands[""][1].armed
-    protocols._hear(10.1 + apart.PILOT_COMMAND_LIFE + 0.01, PilotCommand("", True))
+    protocols._receive(10.1 + apart.PILOT_COMMAND_LIFE + 0.01, PilotCommand("", True))
     assert protocols._commands[""][1].armed
 
 

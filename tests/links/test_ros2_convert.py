@@ -305,46 +305,46 @@ class TestPilot:
 
     def test_nothing_is_commanded_before_a_client_arms(self):
         pilot = Pilot("", 0.5)
-        assert not pilot.hear_motion(0.0, self.half) and not pilot.hear_target(0.0, (1, 2, 3, 0))
+        assert not pilot.receive_motion(0.0, self.half) and not pilot.receive_target(0.0, (1, 2, 3, 0))
         assert pilot.command(0.0) is None
 
     def test_a_wrench_that_stops_coming_disarms_once_even_while_arm_goes_on(self):
         pilot = Pilot("", 0.5)
-        pilot.hear_arm(0.0, True)
-        pilot.hear_motion(0.1, self.half)
+        pilot.receive_arm(0.0, True)
+        pilot.receive_motion(0.1, self.half)
         assert pilot.command(0.55).motion == self.half
-        pilot.hear_arm(0.59, True)
+        pilot.receive_arm(0.59, True)
         command = pilot.command(0.65)
         assert command is not None and not command.armed and not any(command.motion)
         assert pilot.command(0.7) is None
-        assert not pilot.hear_motion(0.7, self.half), "a wrench alone must not arm"
+        assert not pilot.receive_motion(0.7, self.half), "a wrench alone must not arm"
 
     def test_a_way_point_holds_while_arm_is_repeated(self):
         pilot = Pilot("", 0.5)
         for k in range(20):
-            pilot.hear_arm(0.2 * k, True)
+            pilot.receive_arm(0.2 * k, True)
             if k == 0:
-                assert pilot.hear_target(0.0, (1.0, 2.0, 3.0, 0.5))
+                assert pilot.receive_target(0.0, (1.0, 2.0, 3.0, 0.5))
             assert pilot.command(0.2 * k + 0.1).target == (1.0, 2.0, 3.0, 0.5)
         assert not pilot.command(4.5).armed
         assert pilot.command(4.6) is None
 
     def test_a_wrench_overrides_and_forgets_a_way_point(self):
         pilot = Pilot("", 0.5)
-        pilot.hear_arm(0.0, True)
-        pilot.hear_target(0.0, (1.0, 2.0, 3.0, 0.5))
-        pilot.hear_motion(0.1, self.half)
+        pilot.receive_arm(0.0, True)
+        pilot.receive_target(0.0, (1.0, 2.0, 3.0, 0.5))
+        pilot.receive_motion(0.1, self.half)
         assert pilot.command(0.1).target is None
-        assert not pilot.hear_target(0.2, (1.0, 2.0, 3.0, 0.5))
+        assert not pilot.receive_target(0.2, (1.0, 2.0, 3.0, 0.5))
 
     def test_false_disarms_at_once(self):
         pilot = Pilot("", 0.5)
-        pilot.hear_arm(0.0, True)
-        pilot.hear_motion(0.0, self.half)
-        pilot.hear_arm(0.1, False)
+        pilot.receive_arm(0.0, True)
+        pilot.receive_motion(0.0, self.half)
+        pilot.receive_arm(0.1, False)
         assert not pilot.command(0.1).armed and pilot.command(0.1) is None and pilot.end() is None
 
     def test_the_end_disarms(self):
         pilot = Pilot("", 0.5)
-        pilot.hear_arm(0.0, True)
+        pilot.receive_arm(0.0, True)
         assert not pilot.end().armed

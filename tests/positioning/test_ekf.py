@@ -218,7 +218,7 @@ def test_a_second_print_of_a_marker_does_not_capture_the_vehicle(hide):
         assert np.linalg.norm(kept[marker.id] - marker.position) < 1e-9
 
 
-def test_one_marker_alone_does_not_gainsay_the_layout():
+def test_one_marker_alone_does_not_contradict_the_layout():
     out, d = go(with_copy(hide=(0, 1)), layout=LAYOUT, start=drive().position[0] + 0.4)
     assert not out.moved.any()
 

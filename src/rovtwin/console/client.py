@@ -37,14 +37,14 @@ class Client:
         """Calls `news` in the event loop for every message."""
         self._place, self._news = place, news
         self._ear = zmq.asyncio.Context.instance().socket(zmq.SUB)
-        self._mouth = zmq.asyncio.Context.instance().socket(zmq.DEALER)
+        self._order_socket = zmq.asyncio.Context.instance().socket(zmq.DEALER)
         self._ear.setsockopt(zmq.RCVHWM, 40)
         self._ear.setsockopt(zmq.SUBSCRIBE, b"")
         self._ear.connect(place.news)
         # What is not received at once is dropped: an order must not reach an engine that starts later.
-        self._mouth.setsockopt(zmq.IMMEDIATE, 1)
-        self._mouth.setsockopt(zmq.LINGER, 0)
-        self._mouth.connect(place.orders)
+        self._order_socket.setsockopt(zmq.IMMEDIATE, 1)
+        self._order_socket.setsockopt(zmq.LINGER, 0)
+        self._order_socket.connect(place.orders)
         self._red = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._red.setblocking(False)
         self._red_at = place.folder / f"stopped-{os.getpid()}"  # where the link's host answers
@@ -59,9 +59,9 @@ class Client:
     async def listen(self) -> None:
         """Until cancelled."""
         loop = asyncio.get_running_loop()
-        loop.add_reader(self._red, self._hear_stopped)
+        loop.add_reader(self._red, self._receive_stopped)
         try:
-            await asyncio.gather(self._hear_news(), self._hear_answers())
+            await asyncio.gather(self._receive_news(), self._receive_answers())
         finally:
             loop.remove_reader(self._red)
 
@@ -109,7 +109,7 @@ class Client:
     def tell(self, do: str, /, **what: Any) -> None:
         """An order that nobody waits for: it is said at once or not at all."""
         # Through the socket of the event loop: to send past it may swallow the sign that an answer has come.
-        sent: Any = self._mouth.send(encode(what | {"do": do, "sent": time.monotonic()}), zmq.NOBLOCK)
+        sent: Any = self._order_socket.send(encode(what | {"do": do, "sent": time.monotonic()}), zmq.NOBLOCK)
         sent.exception()  # an engine that takes no more orders hangs, and is known to
 
     async def ask(self, do: str, /, **what: Any) -> dict[str, Any]:
@@ -134,11 +134,11 @@ class Client:
 
     def close(self) -> None:
         """Let go of the sockets; the engine goes on."""
-        for one in (self._ear, self._mouth, self._red):
+        for one in (self._ear, self._order_socket, self._red):
             one.close()
         self._red_at.unlink(missing_ok=True)
 
-    async def _hear_news(self) -> None:
+    async def _receive_news(self) -> None:
         while True:
             text = await self._ear.recv()
             self.received_at = time.monotonic()
@@ -149,14 +149,14 @@ class Client:
             except Exception:  # one message that nobody understands must not deafen the console
                 logger.exception("news of the autopilot: %.200r", text)
 
-    async def _hear_answers(self) -> None:
+    async def _receive_answers(self) -> None:
         while True:
-            message = json.loads(await self._mouth.recv())
+            message = json.loads(await self._order_socket.recv())
             waiting = self._waiting.get(message.get("id"))
             if waiting is not None and not waiting.done():
                 waiting.set_result(message)
 
-    def _hear_stopped(self) -> None:
+    def _receive_stopped(self) -> None:
         """The link's host says that it obeyed a STOP."""
         try:
             waiting = self._stopping.get(self._red.recv(64))

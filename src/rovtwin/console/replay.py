@@ -151,7 +151,7 @@ class Recording:
         for name, held in self.readings.items():
             if (last := held.last(t)) >= 0:
                 at = float(held.t[last])
-                status.hear([Measurement(name, held.values[last], at)])
+                status.receive([Measurement(name, held.values[last], at)])
                 status.news(at)
         return status.report(t)["sensors"]
 

@@ -93,7 +93,7 @@ class Protocols:
             while self._lost is None and self._pipe.poll():
                 kind, content = self._pipe.recv()
                 if kind == "command":
-                    self._hear(*content)
+                    self._receive(*content)
                 elif kind == "say":
                     self._messages.append(content)
                 elif kind == "failed":
@@ -101,7 +101,7 @@ class Protocols:
         except (EOFError, OSError):
             self._lost = self._lost or GONE
 
-    def _hear(self, commanded_at: float, command: PilotCommand) -> None:
+    def _receive(self, commanded_at: float, command: PilotCommand) -> None:
         """Keep the newest command of a drone; of two servers that speak for one, the one that disarms counts."""
         before = self._commands.get(command.drone)
         if (
@@ -153,7 +153,7 @@ async def _serve(pipe: Connection, servers: list[Server], drones: tuple[str, ...
         speed,
     )
 
-    def hear() -> None:
+    def receive() -> None:
         try:
             while pipe.poll():
                 now, readings = pipe.recv()
@@ -162,7 +162,7 @@ async def _serve(pipe: Connection, servers: list[Server], drones: tuple[str, ...
             loop.remove_reader(pipe.fileno())
             over.set()
 
-    loop.add_reader(pipe.fileno(), hear)
+    loop.add_reader(pipe.fileno(), receive)
     _tell(pipe, "running", None)
 
     async def until_over() -> None:

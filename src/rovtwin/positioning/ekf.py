@@ -234,7 +234,7 @@ class MarkerEkf(Block):
     def _contradictions(self, state: State, fits: Array, against: Array) -> tuple[State, Array]:
         """Counts who contradicts a majority, and takes out who does so for too long; shape (capacity,), bool.
 
-        Somebody measured the places of the layout: one marker alone does not gainsay them.
+        Somebody measured the places of the layout: one marker alone does not contradict them.
         """
         measured = (self.layout.ids != NOBODY) & (self.layout.ids == state.map.ids)
         credible = (fits.sum() > against.sum()) & (~measured | (fits.sum() > 1))

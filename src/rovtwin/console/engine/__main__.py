@@ -36,7 +36,7 @@ def main() -> None:
 
     from rovtwin.console.engine.bridge import Bridge
     from rovtwin.console.engine.engine import Engine
-    from rovtwin.console.engine.vessel import EngineConfig
+    from rovtwin.console.engine.vehicle_session import EngineConfig
     from rovtwin.live.connect import as_read
     from rovtwin.scenario.files import load_scenario
 

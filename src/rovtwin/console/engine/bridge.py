@@ -15,7 +15,7 @@ from rovtwin.console.engine.engine import Engine
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import counted
-from rovtwin.console.engine.vessel import VehicleSession
+from rovtwin.console.engine.vehicle_session import VehicleSession
 from rovtwin.console.wire import FRESH, decode, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import Mission
@@ -86,20 +86,20 @@ class Bridge:
             return {"id": number, "ok": False, "error": f"{order.do}: failed ({type(error).__name__}: {error})"}
         return None if number is None else {"id": number, "ok": True} | found
 
-    def _for_missions(self, vessel: VehicleSession) -> Helm:
+    def _for_missions(self, session: VehicleSession) -> Helm:
         """The helm; ConfigError where a test is flown."""
-        if isinstance(vessel.helm, Helm):
-            return vessel.helm
+        if isinstance(session.helm, Helm):
+            return session.helm
         raise ConfigError(
             "a test is flown here, which knows Start and Abort. For way-points and piloting start the console with a "
             "scenario that has a mission"
         )
 
     def _underway(self) -> VehicleSession:
-        vessel = self._engine.vessel
+        session = self._engine.session
         if not self._engine.switch.armed:
             raise ConfigError("not armed: press Arm first")
-        return vessel
+        return session
 
     def _alive(self, order: Any) -> None:
         self._engine.note_operator()
@@ -130,15 +130,15 @@ class Bridge:
         self._engine.disarm()
 
     def _start(self, order: Any) -> None:
-        vessel = self._underway()
-        if isinstance(vessel.helm, ExperimentHelm):
-            self._start_test(vessel.helm)
+        session = self._underway()
+        if isinstance(session.helm, ExperimentHelm):
+            self._start_test(session.helm)
             return
         if not self._engine.submitted:
             raise ConfigError("no plan was submitted: submit one first")
-        if vessel.helm.is_running:
+        if session.helm.is_running:
             raise ConfigError("a mission is under way already: hold or abort it first")
-        self._engine.fly(vessel.helm, self._checked(self._engine.plan), self._engine.plan)
+        self._engine.fly(session.helm, self._checked(self._engine.plan), self._engine.plan)
         self._engine.event("info", f"mission started: {counted(len(self._engine.plan))}")
 
     def _start_test(self, helm: ExperimentHelm) -> None:
@@ -152,7 +152,7 @@ class Bridge:
     def _goto(self, order: orders.Goto) -> None:
         helm = self._for_missions(self._underway())
         depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
-        own = own_values(Limits.of(self._engine.vessel.simulation.model))
+        own = own_values(Limits.of(self._engine.session.simulation.model))
         speed = own["speed"] if order.speed is None else order.speed
         there = Waypoint(position=[order.x, order.y, depth], speed=speed, acceptance=own["acceptance"])
         self._engine.fly(helm, self._checked([there], "the place"), [there])
@@ -193,7 +193,7 @@ class Bridge:
         self._engine.steer(sticks * helm.fastest)
 
     def _submit(self, order: orders.Submit) -> None:
-        if self._for_missions(self._engine.vessel).is_running:
+        if self._for_missions(self._engine.session).is_running:
             raise ConfigError("a mission is under way: hold or abort it before you submit another")
         self._checked(order.waypoints)
         self._engine.submit(order.waypoints)
@@ -203,7 +203,7 @@ class Bridge:
         found = self._faults(order.waypoints)
         if not found:
             found.append(kept(self._engine.scenario_with(order.waypoints)))
-            limits = self._engine.vessel.limits
+            limits = self._engine.session.limits
             if fast := [i for i, w in enumerate(order.waypoints) if w.speed > limits.speed]:
                 what = f"{point_numbers.counted(fast)}: faster than thrusters keep up, {limits.text}"
                 found.append(Check("warning", what, fast))
@@ -211,9 +211,9 @@ class Bridge:
 
     def _faults(self, waypoints: list[Waypoint]) -> list[Check]:
         """What keeps way-points from being flown here; of a real vehicle the current is not known."""
-        vessel = self._engine.vessel
-        helm, scenario = self._for_missions(vessel), self._engine.scenario_with(waypoints)
-        twin, simulation = self._engine.is_twin, vessel.simulation
+        session = self._engine.session
+        helm, scenario = self._for_missions(session), self._engine.scenario_with(waypoints)
+        twin, simulation = self._engine.is_twin, session.simulation
         model = simulation.loop.twin.model if twin else simulation.model
         here = self._from_here(scenario, helm)
         return faults(scenario, here, model, has_terrain=helm.has_terrain, known_world=twin)  # half a millisecond
@@ -226,7 +226,7 @@ class Bridge:
                 cannot be flown by this vehicle; every fault is named.
         """
         require_none(self._faults(waypoints), name)
-        return self._for_missions(self._engine.vessel).mission_of(self._engine.scenario_with(waypoints))
+        return self._for_missions(self._engine.session).mission_of(self._engine.scenario_with(waypoints))
 
     def _from_here(self, scenario: Scenario, helm: Helm) -> Scenario:
         """The scenario, begun where the vehicle is; before it is armed, where the scenario says."""
@@ -244,9 +244,9 @@ class Bridge:
     def _inject(self, order: orders.Inject) -> None:
         if not self._engine.is_twin:
             raise ConfigError("nothing can be broken in a real vehicle from here")
-        vessel = self._engine.vessel
-        fault, text = _fault(order, vessel.simulation.thruster_names, vessel.simulation.sensor_names)
-        vessel.link.tell(fault)
+        session = self._engine.session
+        fault, text = _fault(order, session.simulation.thruster_names, session.simulation.sensor_names)
+        session.link.tell(fault)
         self._engine.event("warning", f"injected: {text}")
 
 

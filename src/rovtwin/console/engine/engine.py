@@ -20,7 +20,7 @@ from rovtwin.console.engine.state import Changes, counted, flown, plan_message
 from rovtwin.console.engine.switch import ArmSwitch
 from rovtwin.console.engine.telling import Publisher
 from rovtwin.console.engine.ticker import Ticker
-from rovtwin.console.engine.vessel import EngineConfig, SessionBuilder, VehicleSession
+from rovtwin.console.engine.vehicle_session import EngineConfig, SessionBuilder, VehicleSession
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
@@ -54,7 +54,7 @@ class Engine:
         self._builder = SessionBuilder(config, speed, self._say)
         self._running = True
         self._ticker: Ticker | None = None
-        self._now = 0.0  # time of the tick that comes, or of the last vessel's [s]
+        self._now = 0.0  # time of the tick that comes, or of the last vehicle's [s]
         self.over = False
         self._logbook = Logbook(Path(runs), self.event)
         self.switch = ArmSwitch(self._logbook, self.event)
@@ -96,11 +96,11 @@ class Engine:
     # The vehicle
 
     @property
-    def vessel(self) -> VehicleSession:
+    def session(self) -> VehicleSession:
         """Raises ConfigError while there is none."""
         if self._ticker is None:
             raise ConfigError(f"no vehicle yet ({self._stage}): wait until its sensors deliver readings")
-        return self._ticker.vessel
+        return self._ticker.session
 
     @property
     def is_making_ready(self) -> bool:
@@ -114,22 +114,22 @@ class Engine:
     @property
     def may_arm(self) -> bool:
         """Whether the link takes commands again; that of a real vehicle does not once it was stopped."""
-        return self.is_twin or not self.vessel.link.stopped
+        return self.is_twin or not self.session.link.stopped
 
     def arm(self, asked_at: float) -> None:
         """Ask the vehicle to take commands, as the operator asked [s, monotonic]; what came of it is an event."""
-        vessel = self.vessel
+        session = self.session
         self.note_operator()
-        vessel.helm.idle()
+        session.helm.idle()
         if self.test is None:  # a test has a log of its own each time
-            self._logbook.open(self.scenario_with(self.plan), vessel.simulation, vessel.helm, vessel.watch)
+            self._logbook.open(self.scenario_with(self.plan), session.simulation, session.helm, session.watch)
         self.switch.ask(asked_at)
 
     def disarm(self) -> None:
         """Thrusters off, the log closed."""
-        self.vessel.link.stop()
+        self.session.link.stop()
         was = self.switch.off()
-        self.vessel.helm.idle()
+        self.session.helm.idle()
         if was:
             self.event("info", "disarmed: thrusters off")
         self._end_flight("disarmed")
@@ -137,11 +137,11 @@ class Engine:
     def stop(self) -> None:
         """The operator's STOP, which the link's host may have obeyed before we hear of it."""
         if self._ticker is not None:
-            self._ticker.vessel.link.stop()
+            self._ticker.session.link.stop()
         if self.switch.stop():
             self.event("danger", "STOP: thrusters off")
         if self._ticker is not None:
-            self._ticker.vessel.helm.idle()
+            self._ticker.session.helm.idle()
         self._end_flight("stopped by the operator")
 
     def reconnect(self) -> None:
@@ -157,7 +157,7 @@ class Engine:
 
     def fly_test(self, helm: ExperimentHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
-        self._logbook.open(self.scenario_with(self.plan), self.vessel.simulation, helm, self.vessel.watch)
+        self._logbook.open(self.scenario_with(self.plan), self.session.simulation, helm, self.session.watch)
         self._logbook.begin(self._now)
         self.event("info", f"logged in {self._logbook.folder}")
         helm.start()
@@ -189,10 +189,10 @@ class Engine:
 
     def run_at(self, speed: float | None, running: bool | None) -> None:
         """Let simulated time run so fast, or stand; None leaves it as it is."""
-        vessel = self.vessel
+        session = self.session
         self._builder.speed = speed or self._builder.speed
         self._running = self._running if running is None else running
-        vessel.link.tell(("pace", *self._builder.clock.run(self._builder.speed if self._running else 0.0)))
+        session.link.tell(("pace", *self._builder.clock.run(self._builder.speed if self._running else 0.0)))
         self._keep_time()
 
     def _keep_time(self) -> None:
@@ -220,9 +220,9 @@ class Engine:
         except LinkError as error:
             self._fail(error)
             return False
-        if self.switch.is_overtaken(ticker.vessel.link):
+        if self.switch.is_overtaken(ticker.session.link):
             self.stop()
-        self.switch.go_on(ticker.vessel.link, self._now)
+        self.switch.go_on(ticker.session.link, self._now)
         return True
 
     def _tick(self) -> bool:
@@ -235,34 +235,34 @@ class Engine:
         if not ticker.tick(now - self._operator_at, pilot_command, self.switch.armed):
             return False
         if self.switch.armed:
-            self._logbook.add(1e3 * ticker.late, ticker.vessel.link.age)
+            self._logbook.add(1e3 * ticker.late, ticker.session.link.age)
         if self.test is not None and self.test.running:
-            self._go_on(self.test, ticker.vessel)
+            self._go_on(self.test, ticker.session)
         self._now = ticker.t
         return True
 
-    def _go_on(self, test: Manoeuvres, vessel: VehicleSession) -> None:
+    def _go_on(self, test: Manoeuvres, session: VehicleSession) -> None:
         """What the test's own time brings, and its end."""
-        if vessel.helm.is_over:
-            done = flown(vessel.helm.output, 0)
+        if session.helm.is_over:
+            done = flown(session.helm.output, 0)
             self._end_flight(done["reason"] or done["phase"])
             return
         for cue in test.tick():
             if not cue.text.isdigit():
                 self.event("warning" if cue.hand else "info", cue.text)
 
-    def _take_over(self, vessel: VehicleSession | None) -> None:
+    def _take_over(self, session: VehicleSession | None) -> None:
         """Begin to tick with a vehicle that is connected."""
-        if vessel is None:
+        if session is None:
             return
         try:
-            self._ticker = Ticker(vessel, self._builder.clock, self._config.scenario.control_dt)
+            self._ticker = Ticker(session, self._builder.clock, self._config.scenario.control_dt)
         except Exception:
-            vessel.close()
+            session.close()
             raise
         self._running, self._now = True, 0.0
         self._say("ready", "")
-        missing = ", ".join(vessel.readiness.missing)
+        missing = ", ".join(session.readiness.missing)
         self.event("info", f"connected to {self._config.link}{f'; flying without {missing}' if missing else ''}")
         self._publisher.publish(self._setup_message())
 
@@ -281,7 +281,7 @@ class Engine:
         self.switch.off()
         try:
             if ticker is not None:
-                ticker.vessel.close()  # before the log, which takes its time: thrusters off
+                ticker.session.close()  # before the log, which takes its time: thrusters off
         except Exception:
             logger.exception("letting go of the vehicle")
         self._end_flight(ending)
@@ -296,7 +296,7 @@ class Engine:
     def _tell_hand(self, began: float) -> None:
         """Tell a simulated hand when the test began [s]; inf: it does not."""
         if self.is_twin and self._ticker is not None:
-            self._ticker.vessel.link.tell(("test", began))
+            self._ticker.session.link.tell(("test", began))
 
     # What is reported
 
@@ -312,7 +312,7 @@ class Engine:
             self._publisher.publish(self._plan_message())
             if self._ticker is not None:
                 self._publisher.publish(self._setup_message())
-                self._publisher.publish(self.vessel.watch.message(self.switch.armed))
+                self._publisher.publish(self.session.watch.message(self.switch.armed))
 
     def _state(self) -> dict[str, Any]:
         now = time.monotonic()
@@ -337,18 +337,20 @@ class Engine:
         ticker = self._ticker
         if ticker is None or not ticker.ticks:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
-        state |= ticker.report(self.count) | {"resumable": ticker.vessel.helm.can_resume}
+        state |= ticker.report(self.count) | {"resumable": ticker.session.helm.can_resume}
         if self.test is not None:
             state |= {"experiment": self.test.report(), "progress": min(self.test.time / self.test.duration, 1.0)}
-        if ticker.vessel.helm.is_idle:
+        if ticker.session.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         if (news := self._changes.of(state["phase"], state["reason"], state["gives_up_heading"])) is not None:
             self.event(*news)
-        state["changed"] = ticker.vessel.watch.names
-        return state | {"alerts": alerts(state, ticker.vessel.simulation.thruster_names)}
+        state["changed"] = ticker.session.watch.names
+        return state | {"alerts": alerts(state, ticker.session.simulation.thruster_names)}
 
     def _plan_message(self) -> dict[str, Any]:
         return plan_message(self.plan, self.submitted, self._config.scenario.origin)
 
     def _setup_message(self) -> dict[str, Any]:
-        return setup_of(self._config, self.vessel.simulation, self.vessel.readiness, self.test and self.test.laid_out())
+        return setup_of(
+            self._config, self.session.simulation, self.session.readiness, self.test and self.test.laid_out()
+        )

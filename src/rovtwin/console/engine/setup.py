@@ -11,7 +11,7 @@ from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.analysis.visuals import pieces_of
 
 if TYPE_CHECKING:  # a replay needs none of it, and begins seconds sooner
-    from rovtwin.console.engine.vessel import EngineConfig
+    from rovtwin.console.engine.vehicle_session import EngineConfig
     from rovtwin.live.readiness import Readiness
     from rovtwin.runs.compose.composition import Simulation
 

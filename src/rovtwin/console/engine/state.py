@@ -30,7 +30,7 @@ class SensorStatus:
         self.truth_at = -np.inf
         self._news: list[Measurement] = []
 
-    def hear(self, readings: list[Measurement]) -> None:
+    def receive(self, readings: list[Measurement]) -> None:
         """What has come."""
         self._news += readings
 

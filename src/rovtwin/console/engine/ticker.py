@@ -1,11 +1,11 @@
-"""The ticks of one vessel: hear, decide, command, in step with its time; and what there is to tell of them."""
+"""The ticks of one vehicle: hear, decide, command, in step with its time; and what there is to tell of them."""
 
 from typing import Any
 
 import numpy as np
 
 from rovtwin.console.engine.state import Consistency, SensorStatus, flown
-from rovtwin.console.engine.vessel import VehicleSession
+from rovtwin.console.engine.vehicle_session import VehicleSession
 from rovtwin.runs.pace import SLIP, Clock, Pace
 
 
@@ -13,19 +13,19 @@ class Ticker:
     """Ticks from the moment a vehicle is connected until it is let go of.
 
     Attributes:
-        vessel: Whose.
+        session: Whose.
         began: When the first tick is due, by the vessel's clock [s].
         ticks: That have been.
     """
 
-    def __init__(self, vessel: VehicleSession, clock: Clock, dt: float):
+    def __init__(self, session: VehicleSession, clock: Clock, dt: float):
         """`dt` is the control period [s]. What came before is forgotten; thrusters are off."""
-        self.vessel, self._clock, self._dt = vessel, clock, dt
-        vessel.mux.drain()
-        vessel.helm.restart(vessel.readiness.start)
+        self.session, self._clock, self._dt = session, clock, dt
+        session.mux.drain()
+        session.helm.restart(session.readiness.start)
         self.ticks, self.began = 0, clock.next(dt)
-        vessel.mux.zero = self.began
-        names = vessel.simulation.sensor_names
+        session.mux.zero = self.began
+        names = session.simulation.sensor_names
         self._sensor_status, self._consistency, self._pace = SensorStatus(names), Consistency(names), Pace()
         self._late = self._latest = 0.0
 
@@ -49,7 +49,7 @@ class Ticker:
         Raises:
             LinkError: It is lost.
         """
-        self._sensor_status.hear(self.vessel.mux.read())
+        self._sensor_status.receive(self.session.mux.read())
 
     def tick(self, operator_age: float, pilot_command: tuple[float, ...], armed: bool) -> bool:
         """One tick of what was received; False where the world has not come so far.
@@ -62,36 +62,36 @@ class Ticker:
         Raises:
             LinkError: The vehicle is lost.
         """
-        vessel, clock, t = self.vessel, self._clock, self.t
+        session, clock, t = self.session, self._clock, self.t
         fast = clock.speed > 1.0
         if fast and self._sensor_status.reported_until < t - 0.5 * self._dt:
             # In step with the world: neither outruns the other.
-            vessel.link.tell(("reached", self.began + t - self._dt))
+            session.link.tell(("reached", self.began + t - self._dt))
             return False
         readings = self._sensor_status.news(t, t + 0.5 * self._dt if fast else np.inf)
         late = self._pace.wait(self.began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
-            vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
+            session.link.tell(("pace", *clock.slip(late * clock.speed)))
         # Ages by our own time; faster than real time nothing is too late.
-        ages = vessel.link.age, operator_age, 0.0 if fast else late / self._dt
-        command = vessel.helm.tick(readings, ages, pilot_command)
+        ages = session.link.age, operator_age, 0.0 if fast else late / self._dt
+        command = session.helm.tick(readings, ages, pilot_command)
         if armed:
-            vessel.link.send(command)
+            session.link.send(command)
         if fast:
-            vessel.link.tell(("reached", self.began + t))
-        self._consistency.take(t, vessel.helm.output)
+            session.link.tell(("reached", self.began + t))
+        self._consistency.take(t, session.helm.output)
         self._late, self._latest = late, max(self._latest, late)
         self.ticks += 1
         return True
 
     def report(self, waypoints: int) -> dict[str, Any]:
         """Of the last tick, for a mission of so many way-points; `late_ms` is the largest since this was last asked."""
-        vessel, t = self.vessel, self.t - self._dt
-        state = flown(vessel.helm.output, waypoints) | self._sensor_status.report(t)
+        session, t = self.session, self.t - self._dt
+        state = flown(session.helm.output, waypoints) | self._sensor_status.report(t)
         state |= {
             "t": t,
             "nis": self._consistency.report(t),
-            "link_age": vessel.link.age,
+            "link_age": session.link.age,
             "late_ms": 1e3 * self._latest,
         }
         self._latest = 0.0

@@ -33,7 +33,7 @@ BEGINS = (
 
 
 class VehicleWatch:
-    """The monitors of a vessel's flights, one after the other.
+    """The monitors of a vehicle's flights, one after the other.
 
     Attributes:
         unwatched: Why flights, or this one, are not watched, "" where they are.

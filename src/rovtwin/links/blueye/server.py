@@ -93,7 +93,7 @@ class BlueyeServer(Server):
             try:
                 async with asyncio.TaskGroup() as tasks:
                     for one in served:
-                        for loop in (one.hear_requests, one.hear_control, one.keep_wishing, one.publish):
+                        for loop in (one.receive_requests, one.receive_control, one.keep_wishing, one.publish):
                             tasks.create_task(loop())
             finally:
                 for one in served:
@@ -137,7 +137,7 @@ class Served:
         self._news = asyncio.Event()
         self._was_armed = False
 
-    async def hear_requests(self) -> None:
+    async def receive_requests(self) -> None:
         """Answer requests, each with one reply."""
         while True:
             frames = await received(self._requests)
@@ -159,7 +159,7 @@ class Served:
         self._send("ControlModeTel")
         self._news.set()
 
-    async def hear_control(self) -> None:
+    async def receive_control(self) -> None:
         """Take what clients command."""
         while True:
             frames = await received(self._control)

@@ -58,7 +58,7 @@ class QtmServer(Server):
         async with crowd("qtm", *where, qtm.serve, station.say, wire.LONGEST_COMMAND, self.most_clients):
             station.say(f"qtm: speaks at {self.host}:{self.port}")
             async for batch in station.readings():
-                qtm.hear(batch)
+                qtm.receive(batch)
 
 
 class _Viewer:
@@ -215,7 +215,7 @@ class _Qtm:
 
     # What the vehicle measures.
 
-    def hear(self, batch: list[Measurement]) -> None:
+    def receive(self, batch: list[Measurement]) -> None:
         """Readings as they come; without any for a while, frames that have lost the body."""
         for reading in batch:
             if reading.sensor == "mocap" and reading.value.shape == (6,) and np.isfinite(reading.value).all():

@@ -39,7 +39,7 @@ def confined(confine: bool) -> Iterator[None]:
         raise LinkError("ROS 2: only on Linux can it be kept on this machine. Add --expose if others may reach it")
     for inode, handle in open_sockets().items():
         if inode not in before:
-            _hear_loopback_only(handle)
+            _receive_loopback_only(handle)
 
 
 def open_sockets() -> dict[str, int]:
@@ -71,7 +71,7 @@ def _not_local(table: Path) -> Iterator[str]:
             yield words[9]
 
 
-def _hear_loopback_only(handle: int) -> None:
+def _receive_loopback_only(handle: int) -> None:
     code = ctypes.create_string_buffer(_filter(socket.if_nametoindex("lo")))
     program = struct.pack("@HP", 4, ctypes.addressof(code))
     try:

@@ -223,16 +223,16 @@ class Ros2Link(Link):
 
     def _listen(self) -> None:
         if self._use_sim_time is not False:
-            self._transport.subscribe(CLOCK, msg.Clock, self._hear_clock)
+            self._transport.subscribe(CLOCK, msg.Clock, self._receive_clock)
         for topic in sorted(set(self._sources.values()) - {""}):
             sensors = {sensor for sensor, source in self._sources.items() if source == topic}
-            self._transport.subscribe(self._name(topic), TOPICS[topic][0], partial(self._hear, topic, sensors))
+            self._transport.subscribe(self._name(topic), TOPICS[topic][0], partial(self._receive, topic, sensors))
 
     def _name(self, topic: str) -> str:
         name = self._names.get(topic, topic)
         return name if name.startswith("/") else f"{self._root}/{name}"
 
-    def _hear_clock(self, message: msg.Clock) -> None:
+    def _receive_clock(self, message: msg.Clock) -> None:
         try:
             found = listen.guarded(listen.stamp_of, message.clock)
         except LinkError as error:
@@ -243,7 +243,7 @@ class Ros2Link(Link):
             if not self._own_time:
                 self._map(now, self._clock())
 
-    def _hear(self, topic: str, sensors: set[str], message: Any) -> None:
+    def _receive(self, topic: str, sensors: set[str], message: Any) -> None:
         """In a thread of the transport."""
         read = TOPICS[topic][1]
         try:

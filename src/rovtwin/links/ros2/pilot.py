@@ -27,7 +27,7 @@ class Pilot:
     _steered: float = field(default=-1e9, repr=False)
     _owed: bool = field(default=False, repr=False)
 
-    def hear_arm(self, now: float, requested: bool) -> None:
+    def receive_arm(self, now: float, requested: bool) -> None:
         """`arm`: true arms or keeps armed, false disarms at once."""
         self._received_at = now
         if requested:
@@ -35,14 +35,14 @@ class Pilot:
         else:
             self._disarm()
 
-    def hear_motion(self, now: float, motion: tuple[float, ...]) -> bool:
+    def receive_motion(self, now: float, motion: tuple[float, ...]) -> bool:
         """A wrench as shares of the largest; whether it counts: not before arming."""
         if self.armed:
             self._received_at = self._steered = now
             self.motion, self.target = motion, None
         return self.armed
 
-    def hear_target(self, now: float, target: tuple[float, float, float, float]) -> bool:
+    def receive_target(self, now: float, target: tuple[float, float, float, float]) -> bool:
         """A way-point; whether it counts: not before arming, nor while somebody steers by wrench."""
         if self.armed and self.motion is None:
             self._received_at, self.target = now, target

@@ -127,7 +127,7 @@ class _Serving:
             for topic, kind in TOPICS_IN.items():
                 # A wrench is a stream; `arm` and a way-point may be said once, so they must not be lost.
                 stream = topic == "cmd_wrench"
-                self.transport.subscribe(f"{base}/{topic}", kind, partial(self._hear, drone, topic), stream)
+                self.transport.subscribe(f"{base}/{topic}", kind, partial(self._receive, drone, topic), stream)
         self.station.say(f"ROS 2: topics below {self.root}, {_WHERE[self.server.expose]}")
         tasks = [asyncio.create_task(task) for task in (self._publish(), self._steer())]
         try:
@@ -139,7 +139,7 @@ class _Serving:
                 if (last := pilot.end()) is not None:
                     self.station.command(last)
 
-    def _hear(self, drone: str, topic: str, message: Any) -> None:
+    def _receive(self, drone: str, topic: str, message: Any) -> None:
         """In a thread of the transport: only keep it. However many come, one a topic waits; no `false` gets lost."""
         with self._lock:
             self._received[drone, topic] = message, time.monotonic()
@@ -185,15 +185,15 @@ class _Serving:
         pilot = self.pilots[drone]
         try:
             if topic == "arm":
-                pilot.hear_arm(at, bool(message.data))
+                pilot.receive_arm(at, bool(message.data))
                 return
             self._check_stamp(message.header.stamp)
             frames = [self.server.frame_prefix + name for name in (convert.MAP, convert.ODOM, convert.BASE)]
             if topic == "cmd_wrench":
                 motion = listen.guarded(listen.wrench, message, frames[2], self.server.largest)
-                counts = pilot.hear_motion(at, motion)
+                counts = pilot.receive_motion(at, motion)
             else:
-                counts = pilot.hear_target(at, listen.guarded(listen.target, message, frames[:2]))
+                counts = pilot.receive_target(at, listen.guarded(listen.target, message, frames[:2]))
             if not counts:
                 self._say_once(topic, "ignored: say `true` on `arm` first, and give no wrench beside way-points")
         except LinkError as error:

@@ -102,7 +102,7 @@ class DvlServer(Server):
             watch = asyncio.create_task(dvl.watch())
             try:
                 async for batch in station.readings():
-                    dvl.hear(batch)
+                    dvl.receive(batch)
             finally:
                 watch.cancel()
 
@@ -175,7 +175,7 @@ class _Dvl:
 
     # What the vehicle measures.
 
-    def hear(self, batch: list[Measurement]) -> None:
+    def receive(self, batch: list[Measurement]) -> None:
         """Readings as they come, and what is due by now."""
         self._batches += 1
         if self.station.now < self._last_report:  # the vehicle's time starts anew

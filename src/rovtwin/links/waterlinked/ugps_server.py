@@ -61,7 +61,7 @@ class UgpsServer(Server):
         async with serving_pages("ugps", self.host, self.port, kit, self.most_clients):
             station.say(f"ugps: speaks at http://{self.host}:{self.port}")
             async for batch in station.readings():
-                kit.hear(batch)
+                kit.receive(batch)
 
 
 class _Kit:
@@ -130,7 +130,7 @@ class _Kit:
 
     # What the vehicle measures.
 
-    def hear(self, batch: list[Measurement]) -> None:
+    def receive(self, batch: list[Measurement]) -> None:
         """Readings as they come: at most every quarter second one becomes a fix."""
         for reading in batch:
             if reading.sensor == "position" and reading.value.shape == (2,) and np.isfinite(reading.value).all():

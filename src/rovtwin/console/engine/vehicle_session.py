@@ -29,7 +29,7 @@ from rovtwin.vehicle.analysis.performance import performance
 TWIN = "twin://"
 COMPILING = 240.0  # longest wait for a twin, which is compiled first [s]
 
-STEPS = (  # that make a vessel ready; a twin is compiled by its own process at the same time
+STEPS = (  # that make a vehicle ready; a twin is compiled by its own process at the same time
     "reading vehicle and world",
     "compiling the autopilot",
     "compiling the monitor of what changes",
@@ -56,7 +56,7 @@ class EngineConfig:
 
 @dataclass(frozen=True)
 class Step:
-    """One of the steps that make a vessel ready.
+    """One of the steps that make a vehicle ready.
 
     Attributes:
         number: Of STEPS, from 1.
@@ -143,13 +143,13 @@ class SessionBuilder:
         return self._thread is not None and self._thread.is_alive()
 
     def ready(self) -> VehicleSession | None:
-        """The vessel, once."""
+        """The vehicle, once."""
         made, self._made = self._made, None
         return made
 
     def _make(self) -> None:
         try:
-            self._made = self._vessel()
+            self._made = self._session()
         except RovtwinError as error:
             self._say("lost", str(error))
         except Exception as error:  # a mistake of ours or of a driver: the operator has to see it, not a log
@@ -164,7 +164,7 @@ class SessionBuilder:
         what = STEPS[number - 1]
         self._say("listening" if number == len(STEPS) else "connecting", f"{what} ({number} of {len(STEPS)})")
 
-    def _vessel(self) -> VehicleSession:
+    def _session(self) -> VehicleSession:
         config = self.config
         self.clock = Clock(0.0 if config.is_twin else self.speed)
         self._go_on(1)
