@@ -101,7 +101,7 @@ def mavlink_rig() -> LinkRig:
     from tests.links.serving import serving
 
     from rovtwin.links.mavlink.link import MavlinkLink
-    from rovtwin.links.mavlink.telemetry import RATES
+    from rovtwin.links.mavlink.telemetry.streams import RATES
 
     axes = [0, 1, 5]
     off = dict.fromkeys(RATES, 0.0)

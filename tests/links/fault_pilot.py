@@ -22,7 +22,7 @@ from tests.links.fault_clock import JumpingClock
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import Link
-from rovtwin.links.hosted import HostedLink
+from rovtwin.links.remote_link import HostedLink
 
 PERIOD = 0.02
 SHARE = 0.5

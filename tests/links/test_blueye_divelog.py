@@ -4,8 +4,8 @@ import blueye.protocol as bp
 import pytest
 from blueye.sdk.logs import LogStream
 
-from rovtwin.links.blueye import divelog
-from rovtwin.links.blueye.divelog import DiveLog, packed, stamp_of
+from rovtwin.links.blueye.drone import divelog
+from rovtwin.links.blueye.drone.divelog import DiveLog, packed, stamp_of
 
 
 def depth(value: float) -> bytes:

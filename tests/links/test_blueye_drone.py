@@ -3,8 +3,8 @@
 import pytest
 
 from rovtwin.links.blueye import wire
-from rovtwin.links.blueye.clients import MOST
-from rovtwin.links.blueye.drone import FORGET, About, Drone
+from rovtwin.links.blueye.drone.clients import MOST
+from rovtwin.links.blueye.drone.drone import FORGET, About, Drone
 from rovtwin.links.blueye.wire import Client, Lights, Mode, Motion, Watchdog
 
 HERE = "10.0.0.1"

@@ -23,10 +23,10 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout
 from rovtwin.core.flow import Command
 from rovtwin.links.blueye.double import DoubleBlueyeLink
-from rovtwin.links.blueye.http import HttpServer
+from rovtwin.links.blueye.driver.relay import relay
 from rovtwin.links.blueye.link import BlueyeLink
-from rovtwin.links.blueye.relay import relay
 from rovtwin.links.blueye.server import BlueyeServer
+from rovtwin.links.blueye.services.http import HttpServer
 
 PORT, STARBOARD, NOBODY, RELAY = "127.0.0.10", "127.0.0.11", "127.0.0.12", "127.0.0.13"
 HTTP = 8780

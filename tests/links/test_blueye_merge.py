@@ -7,8 +7,8 @@ import pytest
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.links.blueye.double import LEVERS
-from rovtwin.links.blueye.merge import Merge
-from rovtwin.links.blueye.thrust import force_shares
+from rovtwin.links.blueye.driver.merge import Merge
+from rovtwin.links.blueye.driver.thrust import force_shares
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.physics import measurement
 from rovtwin.vehicle.physics.dynamics import State

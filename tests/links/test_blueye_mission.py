@@ -12,15 +12,15 @@ from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
 from tests.links.blueye_vehicle import readings
 
 from rovtwin.core.datum import Datum
-from rovtwin.links.blueye import instructions, notes
-from rovtwin.links.blueye import mission as m
-from rovtwin.links.blueye.answers import answer
-from rovtwin.links.blueye.drone import About, Drone
-from rovtwin.links.blueye.instructions import steps_of
-from rovtwin.links.blueye.mission import Here, Supervisor
-from rovtwin.links.blueye.mission_status import status_of
-from rovtwin.links.blueye.steps import Able, Refused, Step
-from rovtwin.links.blueye.telemetry import KNOWN, SENSED, Telemetry
+from rovtwin.links.blueye.drone.drone import About, Drone
+from rovtwin.links.blueye.drone.telemetry import KNOWN, SENSED, Telemetry
+from rovtwin.links.blueye.mission import instructions, notes
+from rovtwin.links.blueye.mission import supervisor as m
+from rovtwin.links.blueye.mission.instructions import steps_of
+from rovtwin.links.blueye.mission.status import status_of
+from rovtwin.links.blueye.mission.steps import Able, Refused, Step
+from rovtwin.links.blueye.mission.supervisor import Here, Supervisor
+from rovtwin.links.blueye.services.answers import answer
 from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, ResetOdometer, Watchdog
 from rovtwin.simulation.vehicle_firmware import FREQUENCY, INTEGRAL, RATE, REACH
 

@@ -6,8 +6,8 @@ import pytest
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
-from rovtwin.links.blueye.drone import About, Drone
-from rovtwin.links.blueye.telemetry import SENSED, Telemetry
+from rovtwin.links.blueye.drone.drone import About, Drone
+from rovtwin.links.blueye.drone.telemetry import SENSED, Telemetry
 
 
 def a_drone(name: str = "", datum: Datum | None = None) -> Telemetry:

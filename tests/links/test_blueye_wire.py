@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye import readings, wire
-from rovtwin.links.blueye.answers import answer
-from rovtwin.links.blueye.drone import About, Drone
-from rovtwin.links.blueye.http import HttpRequest, encode, parse_http, respond
+from rovtwin.links.blueye.drone.drone import About, Drone
+from rovtwin.links.blueye.drone.telemetry import Telemetry
 from rovtwin.links.blueye.protobuf import PACKAGE, message, names
-from rovtwin.links.blueye.telemetry import Telemetry
+from rovtwin.links.blueye.services.answers import answer
+from rovtwin.links.blueye.services.http import HttpRequest, encode, parse_http, respond
 from rovtwin.links.blueye.wire import parse_control, parse_request
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.links.sensors import connect, free_port, is_closed, wait_until
 from tests.links.serving import serving
 
-from rovtwin.links import crowd
+from rovtwin.links import tcp_server as crowd
 from rovtwin.links.qualisys import wire
 from rovtwin.links.qualisys.server import QtmServer
 from rovtwin.links.waterlinked.dvl_server import DvlServer

@@ -18,11 +18,11 @@ from tests.links.mavlink_vehicle import endpoint, measured, soon
 from tests.links.serving import serving
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.mavlink.autopilot import Autopilot
+from rovtwin.links.mavlink.firmware.autopilot import Autopilot
+from rovtwin.links.mavlink.firmware.parameters import Parameters
+from rovtwin.links.mavlink.firmware.pilot import Sticks, pulses_of_sticks
 from rovtwin.links.mavlink.modes import REFUSED
-from rovtwin.links.mavlink.parameters import Parameters
-from rovtwin.links.mavlink.pilot import Sticks, pulses_of_sticks
-from rovtwin.links.mavlink.telemetry import STREAMS
+from rovtwin.links.mavlink.telemetry.streams import STREAMS
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 

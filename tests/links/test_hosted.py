@@ -19,7 +19,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.links import host
-from rovtwin.links.hosted import HostedLink
+from rovtwin.links.remote_link import HostedLink
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -58,7 +58,7 @@ FLIES = """
     import numpy as np
     from tests.links.vehicles import Opener
     from rovtwin.core.flow import Command
-    from rovtwin.links.hosted import HostedLink
+    from rovtwin.links.remote_link import HostedLink
 
     if __name__ == "__main__":
         signal.signal(signal.SIGINT, signal.default_int_handler)

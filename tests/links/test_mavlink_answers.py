@@ -8,7 +8,7 @@ import pytest
 from tests.links.mavlink_vehicle import PLACE, measured, soon
 from tests.links.test_mavlink_server import Client, station
 
-from rovtwin.links.mavlink.telemetry import RATES
+from rovtwin.links.mavlink.telemetry.streams.streams import RATES
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink import mavutil
@@ -170,7 +170,7 @@ def test_refusals_say_why():
 
 
 def test_what_is_reported_once_is_bounded(monkeypatch):
-    from rovtwin.links.mavlink import conversation
+    from rovtwin.links.mavlink.services import conversation
 
     monkeypatch.setattr(conversation, "MOST_TEXTS", 5)
     with station() as (served, client):
@@ -305,7 +305,7 @@ def test_lists_that_are_wrong_are_refused_and_change_nothing(kind, items, result
 
 
 def test_an_upload_asks_again_and_gives_up(monkeypatch):
-    from rovtwin.links.mavlink import mission_service
+    from rovtwin.links.mavlink.services.other_requests import mission_service
 
     monkeypatch.setattr(mission_service, "SILENT", 1.5)
     monkeypatch.setattr(mission_service, "ASK_AGAIN", 0.3)

@@ -8,17 +8,17 @@ import pytest
 from tests.conftest import shared_folder
 
 from rovtwin.core.datum import Datum
-from rovtwin.links.mavlink.autopilot import Autopilot
-from rovtwin.links.mavlink.guided import Order, order_of_attitude, order_of_global, order_of_local
-from rovtwin.links.mavlink.modes import MODES
-from rovtwin.links.mavlink.parameters import Parameters
-from rovtwin.links.mavlink.pilot import (
+from rovtwin.links.mavlink.firmware.autopilot import Autopilot
+from rovtwin.links.mavlink.firmware.guided import Order, order_of_attitude, order_of_global, order_of_local
+from rovtwin.links.mavlink.firmware.parameters import Parameters
+from rovtwin.links.mavlink.firmware.pilot import (
     Sticks,
     axes_of_channels,
     axes_of_sticks,
     pulses_of_sticks,
     sticks_of_axes,
 )
+from rovtwin.links.mavlink.modes import MODES
 
 HERE = (10.0, 20.0, 5.0, math.pi / 2)  # heading east
 PLACE_ONLY = 0b110111111000  # position wanted; velocity, acceleration, yaw and its rate ignored

@@ -7,10 +7,10 @@ import pytest
 from tests.links.mavlink_vehicle import measured, soon
 from tests.links.test_mavlink_server import Client, station
 
-from rovtwin.links.mavlink import conversation
-from rovtwin.links.mavlink.commands import COMMANDS
-from rovtwin.links.mavlink.place_commands import PLACE_COMMANDS
 from rovtwin.links.mavlink.server import Session
+from rovtwin.links.mavlink.services import conversation
+from rovtwin.links.mavlink.services.commands import COMMANDS
+from rovtwin.links.mavlink.services.place_commands import PLACE_COMMANDS
 from rovtwin.links.mavlink.wire import dialect
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")

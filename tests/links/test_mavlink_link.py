@@ -13,15 +13,15 @@ from tests.links.serving import serving
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command
 from rovtwin.links.mavlink import link as link_module
-from rovtwin.links.mavlink.boot_clock import BootClock, Order
-from rovtwin.links.mavlink.commands import COMMANDS
-from rovtwin.links.mavlink.conversation import ANSWERS
+from rovtwin.links.mavlink.driver.boot_clock import BootClock, Order
+from rovtwin.links.mavlink.driver.readings import Readings
+from rovtwin.links.mavlink.driver.steering import Steering
 from rovtwin.links.mavlink.link import MavlinkLink
 from rovtwin.links.mavlink.mixing import mixer
 from rovtwin.links.mavlink.modes import MODES
-from rovtwin.links.mavlink.readings import Readings
-from rovtwin.links.mavlink.steering import Steering
-from rovtwin.links.mavlink.telemetry import RATES
+from rovtwin.links.mavlink.services.commands import COMMANDS
+from rovtwin.links.mavlink.services.conversation import ANSWERS
+from rovtwin.links.mavlink.telemetry.streams import RATES
 from rovtwin.vehicle import load_vehicle
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")

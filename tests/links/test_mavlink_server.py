@@ -15,11 +15,11 @@ from tests.links.serving import serving
 
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Measurement
-from rovtwin.links.mavlink.peers import MOST, SILENT, Peer, Peers
 from rovtwin.links.mavlink.server import MavlinkServer
-from rovtwin.links.mavlink.telemetry import ON_REQUEST, RATES
+from rovtwin.links.mavlink.services.peers import MOST, SILENT, Peer, Peers
+from rovtwin.links.mavlink.telemetry.streams import ON_REQUEST, RATES
+from rovtwin.links.served_vehicle import Station
 from rovtwin.links.server import require_loopback
-from rovtwin.links.station import Station
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink import mavutil

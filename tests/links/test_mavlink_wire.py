@@ -11,11 +11,11 @@ from tests.links.mavlink_vehicle import measured
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.mavlink import link as link_module
+from rovtwin.links.mavlink.driver.readings import Readings
 from rovtwin.links.mavlink.link import MavlinkLink
-from rovtwin.links.mavlink.readings import Readings
 from rovtwin.links.mavlink.server import MavlinkServer, Session
 from rovtwin.links.mavlink.wire import LONGEST, Decoder, Encoder
-from rovtwin.links.station import Station
+from rovtwin.links.served_vehicle import Station
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink.dialects.v20 import ardupilotmega as dialect

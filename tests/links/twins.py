@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.links import apart
+from rovtwin.links import protocol_process as apart
 from rovtwin.links.server import Server
 from rovtwin.live.serving.host import ServedVehicle
 from rovtwin.live.serving.protocols import places_of, servers_of, world_for

@@ -12,7 +12,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link
 from rovtwin.links import host
-from rovtwin.links.hosted import HostedLink
+from rovtwin.links.remote_link import HostedLink
 
 PERIOD = 0.02
 

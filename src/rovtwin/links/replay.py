@@ -9,7 +9,7 @@ from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Log
-from rovtwin.links.kept import KeptLink
+from rovtwin.links.local_link import KeptLink
 
 SENSOR = "sensor/"
 PATIENCE = 1.0  # after the last reading [s]

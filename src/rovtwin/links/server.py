@@ -5,7 +5,7 @@ import ipaddress
 from collections.abc import Sequence
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.links.station import Station
+from rovtwin.links.served_vehicle import Station
 
 
 class Server(abc.ABC):

@@ -7,7 +7,7 @@ import numpy as np
 
 from rovtwin.core.flow import Command, Measurement, Measurements
 from rovtwin.core.numerics import jnp
-from rovtwin.links.kept import KeptLink
+from rovtwin.links.local_link import KeptLink
 
 Advance = Callable[[Any, Command, int], tuple[Any, Measurements]]
 

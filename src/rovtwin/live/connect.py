@@ -15,7 +15,7 @@ from rovtwin.core.numerics import jax
 from rovtwin.links import registry
 from rovtwin.links.endpoint import LinkContext
 from rovtwin.links.host import Opener
-from rovtwin.links.hosted import HostedLink
+from rovtwin.links.remote_link import HostedLink
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.twin import TwinLink
 from rovtwin.links.url import Url

@@ -4,7 +4,7 @@ import numpy as np
 
 from rovtwin.console.engine.flights import Event, Logbook
 from rovtwin.core.errors import RovtwinError
-from rovtwin.links.hosted import HostedLink
+from rovtwin.links.remote_link import HostedLink
 
 
 class ArmSwitch:

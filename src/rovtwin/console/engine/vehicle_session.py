@@ -16,7 +16,7 @@ from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
 from rovtwin.core.urgent import settle
-from rovtwin.links.hosted import CONNECTING, HostedLink
+from rovtwin.links.remote_link import CONNECTING, HostedLink
 from rovtwin.live.connect import opener, source
 from rovtwin.live.flight import needed_by
 from rovtwin.live.readiness import Readiness, SensorMux, listen

@@ -10,9 +10,9 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link
+from rovtwin.links.blueye.driver.merge import Merge
+from rovtwin.links.blueye.driver.thrust import Curve, linear
 from rovtwin.links.blueye.link import AXES, BlueyeLink
-from rovtwin.links.blueye.merge import Merge
-from rovtwin.links.blueye.thrust import Curve, linear
 
 NAMES = ("port", "starboard")
 LEVERS = ((0.0, -0.28, 0.0), (0.0, 0.28, 0.0))  # thesis (5.2), vehicle/library/double_blueye.yaml

@@ -29,8 +29,8 @@ class Opener:
 
     def __call__(self) -> "Link":
         from rovtwin.links.blueye.double import DoubleBlueyeLink
+        from rovtwin.links.blueye.driver.thrust import force_shares
         from rovtwin.links.blueye.link import BlueyeLink
-        from rovtwin.links.blueye.thrust import force_shares
 
         rights: dict[str, Any] = {"observer": self.observe, "take_control": self.take_control}
         if len(self.hosts) == 1:

@@ -13,10 +13,10 @@ import numpy as np
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
-from rovtwin.links.blueye.connect import connect, release, set_rates
+from rovtwin.links.blueye.driver.connect import connect, release, set_rates
+from rovtwin.links.blueye.driver.thrust import Curve, linear
 from rovtwin.links.blueye.protobuf import parse
 from rovtwin.links.blueye.readings import parse_power, parse_telemetry
-from rovtwin.links.blueye.thrust import Curve, linear
 
 logger = logging.getLogger(__name__)
 

@@ -22,9 +22,9 @@ class Opener:
     density: float
 
     def __call__(self) -> "Link":
+        from rovtwin.links.mavlink.driver.readings import Readings
         from rovtwin.links.mavlink.link import MavlinkLink
         from rovtwin.links.mavlink.mixing import shares
-        from rovtwin.links.mavlink.readings import Readings
 
         readings = Readings(density=self.density)
         return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock, readings=readings)

@@ -14,12 +14,12 @@ from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.clock import speed_of
-from rovtwin.links.mavlink.boot_clock import BootClock, Order
-from rovtwin.links.mavlink.line import Line
+from rovtwin.links.mavlink.driver.boot_clock import BootClock, Order
+from rovtwin.links.mavlink.driver.line import Line
+from rovtwin.links.mavlink.driver.readings import Readings, text_of
+from rovtwin.links.mavlink.driver.steering import GAIN, THROTTLE, Steering
 from rovtwin.links.mavlink.mixing import clean_axes
 from rovtwin.links.mavlink.modes import MANUAL
-from rovtwin.links.mavlink.readings import Readings, text_of
-from rovtwin.links.mavlink.steering import GAIN, THROTTLE, Steering
 from rovtwin.links.mavlink.wire import dialect
 
 logger = logging.getLogger(__name__)

@@ -10,20 +10,20 @@ from typing import Any
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
-from rovtwin.links.mavlink.autopilot import WARNING, Autopilot
-from rovtwin.links.mavlink.commands import FIRMWARE
-from rovtwin.links.mavlink.conversation import Conversation
-from rovtwin.links.mavlink.mission_service import remind
+from rovtwin.links.mavlink.firmware.autopilot import WARNING, Autopilot
+from rovtwin.links.mavlink.firmware.parameters import Parameters
 from rovtwin.links.mavlink.mixing import Mixer
 from rovtwin.links.mavlink.modes import GUIDED, POSHOLD
-from rovtwin.links.mavlink.parameters import Parameters
-from rovtwin.links.mavlink.peers import Peer, Peers
-from rovtwin.links.mavlink.scene import Scene, rounds
-from rovtwin.links.mavlink.sockets import open_tcp, open_udp
-from rovtwin.links.mavlink.telemetry import MESSAGES, RATES, Schedule
+from rovtwin.links.mavlink.services.commands import FIRMWARE
+from rovtwin.links.mavlink.services.conversation import Conversation
+from rovtwin.links.mavlink.services.mission_service import remind
+from rovtwin.links.mavlink.services.peers import Peer, Peers
+from rovtwin.links.mavlink.services.sockets import open_tcp, open_udp
+from rovtwin.links.mavlink.telemetry.scene import Scene, rounds
+from rovtwin.links.mavlink.telemetry.streams import MESSAGES, RATES, Schedule
 from rovtwin.links.mavlink.wire import Decoder, Encoder, dialect
+from rovtwin.links.served_vehicle import Station
 from rovtwin.links.server import Server
-from rovtwin.links.station import Station
 
 logger = logging.getLogger(__name__)
 

@@ -10,13 +10,13 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
-from rovtwin.links.crowd import MOST_CLIENTS, Client, crowd
 from rovtwin.links.qualisys import control, wire
 from rovtwin.links.qualisys.control import MASTER_ONLY, Control
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.wire import COMMAND, ERROR, NO_MORE_DATA, XML, Stream
+from rovtwin.links.served_vehicle import Station
 from rovtwin.links.server import Server
-from rovtwin.links.station import Station
+from rovtwin.links.tcp_server import MOST_CLIENTS, Client, crowd
 
 PORT = 22223  # little endian; QTM's base port 22222 and one
 LOST = 0.2  # no pose for so long: the body is lost [s]

@@ -13,10 +13,10 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
-from rovtwin.links.crowd import MOST_CLIENTS, Client, Crowd, crowd
 from rovtwin.links.rotations import turn_about_z
+from rovtwin.links.served_vehicle import Station
 from rovtwin.links.server import Server
-from rovtwin.links.station import Station
+from rovtwin.links.tcp_server import MOST_CLIENTS, Client, Crowd, crowd
 from rovtwin.links.waterlinked.dvl_pages import DvlPages
 from rovtwin.links.waterlinked.dvl_wire import (
     CONFIG,

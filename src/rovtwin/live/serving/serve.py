@@ -9,7 +9,7 @@ from typing import Protocol
 
 from rovtwin.core.flow import Measurement
 from rovtwin.core.urgent import settle, urgent
-from rovtwin.links.apart import Protocols
+from rovtwin.links.protocol_process import Protocols
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
 from rovtwin.live.serving.truth_log import truth_log

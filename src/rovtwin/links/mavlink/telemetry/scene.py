@@ -10,10 +10,10 @@ import numpy as np
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
-from rovtwin.links.mavlink.autopilot import Autopilot
-from rovtwin.links.mavlink.guided import Place
+from rovtwin.links.mavlink.firmware.autopilot import Autopilot
+from rovtwin.links.mavlink.firmware.guided import Place
 from rovtwin.links.rotations import rotation_from_euler
-from rovtwin.links.station import Station
+from rovtwin.links.served_vehicle import Station
 
 FIX_LASTS = 4.0  # a position is a fix for so long, as ArduPilot trusts a GPS [s]
 SMOOTHED, JUDGED = 5.0, 2.0  # cut-off of the mean and of the deviation that ArduPilot calls vibration [Hz]

@@ -2,11 +2,11 @@
 
 import math
 
-from rovtwin.links.mavlink.commands import Request
-from rovtwin.links.mavlink.guided import GLOBAL, GLOBAL_RELATIVE, Order, order_to
+from rovtwin.links.mavlink.firmware.guided import GLOBAL, GLOBAL_RELATIVE, Order, order_to
 from rovtwin.links.mavlink.modes import GUIDED, POSHOLD
-from rovtwin.links.mavlink.motion_messages import home, origin
-from rovtwin.links.mavlink.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
+from rovtwin.links.mavlink.services.commands import Request
+from rovtwin.links.mavlink.services.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
+from rovtwin.links.mavlink.telemetry.motion_messages import home, origin
 from rovtwin.links.mavlink.wire import whole
 
 # MAV_CMD

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.mavlink.scene import Scene, int16, int32, microseconds, milliseconds
+from rovtwin.links.mavlink.telemetry.scene import Scene, int16, int32, microseconds, milliseconds
 
 UNKNOWN16 = 65535
 NO_GPS, NO_FIX, FIX_3D = 0, 1, 3  # GPS_FIX_TYPE

@@ -19,7 +19,7 @@ from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
-from rovtwin.links.station import Station
+from rovtwin.links.served_vehicle import Station
 
 PILOT_COMMAND_LIFE = COMMAND_LIFE  # a command older than this counts no more [s]
 GONE = "it ended, or was killed; thrusters are off"

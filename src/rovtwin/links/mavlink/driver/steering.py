@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.links.mavlink.pilot import EXTENDED_SINCE, Sticks, sticks_of_axes
+from rovtwin.links.mavlink.firmware.pilot import EXTENDED_SINCE, Sticks, sticks_of_axes
 from rovtwin.links.mavlink.wire import number
 
 GAIN, THROTTLE = "JS_GAIN_DEFAULT", "JS_THR_GAIN"

@@ -9,10 +9,10 @@ from itertools import groupby
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
-from rovtwin.links.blueye.contents import SENSORS, Contents
-from rovtwin.links.blueye.drone import Drone
+from rovtwin.links.blueye.drone.contents import SENSORS, Contents
+from rovtwin.links.blueye.drone.drone import Drone
 from rovtwin.links.blueye.wire import FASTEST
-from rovtwin.links.station import Station
+from rovtwin.links.served_vehicle import Station
 
 # Message -> rate [Hz] until a client sets another. The maker does not print its own; these are such that a client
 # which sets nothing can steer by them.

@@ -8,11 +8,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from rovtwin.links.blueye import notes
-from rovtwin.links.blueye.instructions import steps_of, too_fast
-from rovtwin.links.blueye.mission_status import status_of
-from rovtwin.links.blueye.notes import ERROR, INFO, WARNING, Note
-from rovtwin.links.blueye.steps import Able, Refused, Step
+from rovtwin.links.blueye.mission import notes
+from rovtwin.links.blueye.mission.instructions import steps_of, too_fast
+from rovtwin.links.blueye.mission.notes import ERROR, INFO, WARNING, Note
+from rovtwin.links.blueye.mission.status import status_of
+from rovtwin.links.blueye.mission.steps import Able, Refused, Step
 
 INACTIVE, READY, RUNNING, PAUSED, COMPLETED, ABORTED, FAILED_TO_LOAD, FAILED_TO_START = range(1, 9)  # MissionState
 LEAD = DIVE_LEAD = 0.5  # of the target before the vehicle, level and in depth: no hold pulls harder by more [m]

@@ -8,10 +8,10 @@ import numpy as np
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
-from rovtwin.links.blueye.divelog import stamp_of
-from rovtwin.links.blueye.drone import Drone
-from rovtwin.links.blueye.mission import Here
-from rovtwin.links.blueye.notes import Note
+from rovtwin.links.blueye.drone.divelog import stamp_of
+from rovtwin.links.blueye.drone.drone import Drone
+from rovtwin.links.blueye.mission.notes import Note
+from rovtwin.links.blueye.mission.supervisor import Here
 from rovtwin.links.blueye.protobuf import message, text
 from rovtwin.links.rotations import rotation_from_euler
 

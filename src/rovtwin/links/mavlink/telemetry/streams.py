@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.mavlink import motion_messages as motion
-from rovtwin.links.mavlink import state_messages as state
-from rovtwin.links.mavlink.scene import Scene
+from rovtwin.links.mavlink.telemetry import motion_messages as motion
+from rovtwin.links.mavlink.telemetry import state_messages as state
+from rovtwin.links.mavlink.telemetry.scene import Scene
 
 FASTEST = 200.0  # no message is sent more often [Hz]
 STREAMS = {  # of REQUEST_DATA_STREAM

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from rovtwin.core.errors import LinkError
-from rovtwin.links.blueye.http import HttpServer
+from rovtwin.links.blueye.services.http import HttpServer
 from rovtwin.links.blueye.wire import LARGEST
 from rovtwin.links.server import address_taken
 

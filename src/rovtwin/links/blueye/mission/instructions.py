@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.links.blueye import notes
-from rovtwin.links.blueye.steps import ACCEPTANCE, HEAVE, SPEED, Able, Refused, Step
+from rovtwin.links.blueye.mission import notes
+from rovtwin.links.blueye.mission.steps import ACCEPTANCE, HEAVE, SPEED, Able, Refused, Step
 
 MOST = 50  # instructions of a mission, as the SDK has it
 MOST_POINTS = 500  # way-points of a mission, those of surveys counted

@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rovtwin.links.mavlink.autopilot import INFO, WARNING
-from rovtwin.links.mavlink.missions import (
+from rovtwin.links.mavlink.firmware.autopilot import INFO, WARNING
+from rovtwin.links.mavlink.firmware.missions import (
     ACCEPTED,
     ASK_AGAIN,
     CANCELLED,
@@ -19,10 +19,10 @@ from rovtwin.links.mavlink.missions import (
     Item,
     fence_fault,
 )
-from rovtwin.links.mavlink.peers import Peer
+from rovtwin.links.mavlink.services.peers import Peer
 
 if TYPE_CHECKING:
-    from rovtwin.links.mavlink.conversation import Conversation
+    from rovtwin.links.mavlink.services.conversation import Conversation
 
 KEPT = {
     MISSION: "Mission kept; AUTO is not flown here",

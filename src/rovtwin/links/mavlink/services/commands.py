@@ -5,15 +5,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from rovtwin.links.mavlink.autopilot import INFO, WARNING
-from rovtwin.links.mavlink.mission_service import choose
-from rovtwin.links.mavlink.peers import Peer
-from rovtwin.links.mavlink.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
-from rovtwin.links.mavlink.telemetry import MESSAGES, STREAM_ONLY
+from rovtwin.links.mavlink.firmware.autopilot import INFO, WARNING
+from rovtwin.links.mavlink.services.mission_service import choose
+from rovtwin.links.mavlink.services.peers import Peer
+from rovtwin.links.mavlink.services.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
+from rovtwin.links.mavlink.telemetry.streams import MESSAGES, STREAM_ONLY
 from rovtwin.links.mavlink.wire import whole
 
 if TYPE_CHECKING:
-    from rovtwin.links.mavlink.conversation import Conversation
+    from rovtwin.links.mavlink.services.conversation import Conversation
 
 # MAV_CMD
 DO_SET_MODE, COMPONENT_ARM_DISARM, GET_HOME = 176, 400, 410

@@ -4,12 +4,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.links.mavlink import motion_messages as motion
-from rovtwin.links.mavlink.autopilot import INFO, WARNING
-from rovtwin.links.mavlink.peers import Peer
+from rovtwin.links.mavlink.firmware.autopilot import INFO, WARNING
+from rovtwin.links.mavlink.services.peers import Peer
+from rovtwin.links.mavlink.telemetry import motion_messages as motion
 
 if TYPE_CHECKING:
-    from rovtwin.links.mavlink.conversation import Conversation
+    from rovtwin.links.mavlink.services.conversation import Conversation
 
 NO_LOGS = "It keeps no logs on board: serve --log keeps the truth"
 LOG_CHUNK = 90  # bytes of a LOG_DATA

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.mavlink.pilot import pulses_of_axes
-from rovtwin.links.mavlink.scene import Scene, int16, microseconds, milliseconds
+from rovtwin.links.mavlink.firmware.pilot import pulses_of_axes
+from rovtwin.links.mavlink.telemetry.scene import Scene, int16, microseconds, milliseconds
 
 GRAVITY = 9.80665  # of the unit mg [m/s2]
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270

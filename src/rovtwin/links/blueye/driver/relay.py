@@ -3,7 +3,7 @@
 Two drones as delivered have the same address, 192.168.1.101. Each gets a network namespace with its own cable, and in
 there a relay that makes it reachable under another address: see docs/links_blueye.md. It needs nothing but Python.
 
-    python -m rovtwin.links.blueye.relay 10.71.1.2 192.168.1.101
+    python -m rovtwin.links.blueye.driver.relay 10.71.1.2 192.168.1.101
 """
 
 import asyncio
@@ -85,7 +85,7 @@ async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -
 def main(arguments: Sequence[str]) -> int:
     """Command line: address to listen at, address of the drone."""
     if len(arguments) != 2:
-        print("usage: python -m rovtwin.links.blueye.relay LISTEN_ADDRESS DRONE_ADDRESS", file=sys.stderr)
+        print("usage: python -m rovtwin.links.blueye.driver.relay LISTEN_ADDRESS DRONE_ADDRESS", file=sys.stderr)
         return 2
     try:
         asyncio.run(relay(arguments[0], arguments[1]))

@@ -4,17 +4,26 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from rovtwin.links.mavlink import mission_service, services
-from rovtwin.links.mavlink.autopilot import INFO, WARNING, Autopilot
-from rovtwin.links.mavlink.commands import CAPABILITIES, COMMANDS, FIRMWARE, NO_CAMERA, REASONS, RELEASE, Request
-from rovtwin.links.mavlink.guided import order_of_attitude, order_of_global, order_of_local
+from rovtwin.links.mavlink.firmware.autopilot import INFO, WARNING, Autopilot
+from rovtwin.links.mavlink.firmware.guided import order_of_attitude, order_of_global, order_of_local
+from rovtwin.links.mavlink.firmware.pilot import EXTENDED_SINCE, Sticks, axes_of_channels, axes_of_sticks
 from rovtwin.links.mavlink.modes import GUIDED
-from rovtwin.links.mavlink.peers import Peer
-from rovtwin.links.mavlink.pilot import EXTENDED_SINCE, Sticks, axes_of_channels, axes_of_sticks
-from rovtwin.links.mavlink.place_commands import PLACE_COMMANDS
-from rovtwin.links.mavlink.results import UNSUPPORTED
-from rovtwin.links.mavlink.scene import Scene
-from rovtwin.links.mavlink.telemetry import MESSAGES, STREAMS, build
+from rovtwin.links.mavlink.services import mission_service
+from rovtwin.links.mavlink.services import other_requests as services
+from rovtwin.links.mavlink.services.commands import (
+    CAPABILITIES,
+    COMMANDS,
+    FIRMWARE,
+    NO_CAMERA,
+    REASONS,
+    RELEASE,
+    Request,
+)
+from rovtwin.links.mavlink.services.peers import Peer
+from rovtwin.links.mavlink.services.place_commands import PLACE_COMMANDS
+from rovtwin.links.mavlink.services.results import UNSUPPORTED
+from rovtwin.links.mavlink.telemetry.scene import Scene
+from rovtwin.links.mavlink.telemetry.streams import MESSAGES, STREAMS, build
 from rovtwin.links.mavlink.wire import is_addressed, number
 
 GROUND_STATION = 6  # MAV_TYPE_GCS

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from rovtwin.core.errors import LinkError
-from rovtwin.links.blueye.contents import listed
-from rovtwin.links.blueye.drone import Drone
+from rovtwin.links.blueye.drone.contents import listed
+from rovtwin.links.blueye.drone.drone import Drone
+from rovtwin.links.blueye.drone.telemetry import Telemetry
+from rovtwin.links.blueye.mission.steps import Able
 from rovtwin.links.blueye.protobuf import PACKAGE, message, parse
-from rovtwin.links.blueye.steps import Able
-from rovtwin.links.blueye.telemetry import Telemetry
 from rovtwin.links.blueye.wire import Request, parse_request, reply_name
 
 CENTURY = (946_684_800.0, 4_102_444_800.0)  # 2000 to 2100: a time to set a clock to [s since 1970]

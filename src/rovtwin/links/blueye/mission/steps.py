@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
-from rovtwin.links.blueye import notes
+from rovtwin.links.blueye.mission import notes
 
 SPEED, HEAVE = 0.3, 0.2  # ahead, and up and down, where a mission gives none [m/s]
 ACCEPTANCE = 1.0  # radius around a way-point, where a mission gives none [m]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from rovtwin.links.blueye.steps import Step
+from rovtwin.links.blueye.mission.steps import Step
 
 LARGEST = 2**32 - 1  # of the protocol's numbers
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from rovtwin.links.mavlink.telemetry import Schedule
+from rovtwin.links.mavlink.telemetry.streams import Schedule
 from rovtwin.links.mavlink.wire import Encoder
 
 MOST = 8  # peers at a time; further ones are not answered while all of these live

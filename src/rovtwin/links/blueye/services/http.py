@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from rovtwin.core.errors import LinkError
-from rovtwin.links.blueye.divelog import DiveLog, packed
+from rovtwin.links.blueye.drone.divelog import DiveLog, packed
 
 LONGEST = 8192  # bytes of a request's head
 PATIENCE = 5.0  # time that a client has to send it, and to take the answer [s]

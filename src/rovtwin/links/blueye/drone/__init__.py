@@ -1,0 +1,1 @@
+"""What a drone keeps in mind and says of itself, without sockets."""

@@ -1,0 +1,1 @@
+"""What clients of a drone ask and are answered: requests, HTTP, sockets."""

@@ -1,0 +1,1 @@
+"""What an ArduSub decides and keeps, without sockets: modes and arming, GUIDED, missions, parameters, pilots."""

@@ -1,0 +1,1 @@
+"""What clients ask and are answered: peers, sockets, MAVLink's micro-services."""
