@@ -93,7 +93,7 @@ def single(quick: bool) -> dict[str, Any]:
     }
 
 
-def crowd(n: int, steps: int, dtype: Any = float) -> tuple[Model, State, Any]:
+def open_tcp_server(n: int, steps: int, dtype: Any = float) -> tuple[Model, State, Any]:
     """n vehicles with parameters, starts and commands of their own."""
     model = vehicle()
     scale = jnp.linspace(0.9, 1.1, n)
@@ -113,7 +113,7 @@ def batch(quick: bool) -> dict[str, Any]:
         return fly(model, state, u, environment)
 
     in_chunks, side_by_side = jax.jit(batched(alone)), jax.jit(jax.vmap(alone))
-    crowds = {n: crowd(n, steps) for n, steps in sizes.items()}
+    crowds = {n: open_tcp_server(n, steps) for n, steps in sizes.items()}
 
     def action(run: Any, n: int) -> Any:
         return lambda: run(*crowds[n]).position.block_until_ready()
@@ -132,7 +132,7 @@ def lanes(quick: bool) -> dict[str, Any]:
         return {"c": reference.NO_COMPILER}
     steps, rounds = (100, 3) if quick else (1_000, 11)
     environment = water()
-    models, starts, u = crowd(LANES, steps)
+    models, starts, u = open_tcp_server(LANES, steps)
     run = jax.jit(batched(lambda *one: fly(*one, environment)))
     pick = [jax.tree.map(lambda leaf, i=i: leaf[i], (models, starts)) for i in range(LANES)]
     in_c = reference.Reference([m for m, _ in pick], [s for _, s in pick], CURRENT)
@@ -140,7 +140,7 @@ def lanes(quick: bool) -> dict[str, Any]:
     np.testing.assert_allclose(in_c.fly(laid, DT), as_row(run(models, starts, u)), atol=1e-9)
     many = 8 if quick else 1_000
     few = steps // 10 or 1
-    ours = crowd(many, few)
+    ours = open_tcp_server(many, few)
     times = in_turns({"c": lambda: in_c.fly(laid, DT), "ours": lambda: run(*ours).position.block_until_ready()}, rounds)
     return {
         "c": reference.description(),

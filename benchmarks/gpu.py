@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.dynamics import crowd, fly, water
+from benchmarks.dynamics import open_tcp_server, fly, water
 from rovtwin.core.numerics import jax, jnp
 
 NONE = "no GPU that JAX sees here"
@@ -26,7 +26,7 @@ def batch(quick: bool) -> dict[str, Any]:
 
         run = jax.jit(jax.vmap(alone))
         for n in SIZES[:1] if quick else SIZES:
-            models, starts, u = crowd(n, 1, dtype)
+            models, starts, u = open_tcp_server(n, 1, dtype)
             found[f"{jnp.dtype(dtype).name}_vehicles_{n}"] = n * STEPS / _median(run, models, starts, u[:, 0])
     return found
 

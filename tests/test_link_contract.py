@@ -149,7 +149,7 @@ RIGS: dict[str, Callable[[], LinkRig]] = {
     "mavlink.link.MavlinkLink": mavlink_rig,
     "ros2.link.Ros2Link": ros2_rig,
     "replay.ReplayLink": replay_rig,
-    "hosted.HostedLink": hosted_rig,
+    "hosted.RemoteLink": hosted_rig,
     "blueye.link.BlueyeLink": lambda: blueye_rig(double=False),
     "blueye.double.DoubleBlueyeLink": lambda: blueye_rig(double=True),
 }

@@ -81,9 +81,9 @@ def test_more_than_can_wait_are_refused(monkeypatch):
     monkeypatch.setattr(module, "MOST_WAITING", 2)
     busy = Worker("the work")
 
-    async def crowd():
+    async def open_tcp_server():
         return await asyncio.gather(*(busy.call(len, "ab") for _ in range(4)), return_exceptions=True)
 
-    found = ran(crowd())
+    found = ran(open_tcp_server())
     busy.close()
     assert found[:2] == [2, 2] and all("2 others wait already" in str(error) for error in found[2:])

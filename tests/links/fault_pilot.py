@@ -22,7 +22,7 @@ from tests.links.fault_clock import JumpingClock
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import Link
-from rovtwin.links.remote_link import HostedLink
+from rovtwin.links.remote_link import RemoteLink
 
 PERIOD = 0.02
 SHARE = 0.5
@@ -58,7 +58,7 @@ class LinkPilot:
     def __init__(self, where: str, jump: Path):
         # Surge of the one drone, of both, or of a vehicle of six axes.
         self._ahead = np.eye(6)[0] if where.startswith("mavlink") else np.tile([1.0, 0.0, 0.0], where.count(",") + 1)
-        self.link = HostedLink(Opener(where, JumpingClock(jump)), len(self._ahead))
+        self.link = RemoteLink(Opener(where, JumpingClock(jump)), len(self._ahead))
         tell("host", self.link.pid)
         self.link.arm()
         self.share, self._received, self._reported_at, self._last = SHARE, 0, 0.0, {}

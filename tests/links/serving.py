@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from rovtwin.core.flow import Measurement
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 
 
 class Served:
@@ -18,7 +18,7 @@ class Served:
         self.commands: list[PilotCommand] = []
         self.messages: list[str] = []
         self.loop = asyncio.new_event_loop()
-        self.station = Station(drones, self.commands.append, self.messages.append, speed)
+        self.station = ServedVehicle(drones, self.commands.append, self.messages.append, speed)
 
     def feed(self, now: float, readings: list[Measurement]) -> None:
         self.call(lambda: self.station.feed(now, readings))

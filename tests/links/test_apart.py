@@ -15,7 +15,7 @@ from rovtwin.links import protocol_process as apart
 from rovtwin.links.protocol_process import Protocols
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server, require_loopback
-from rovtwin.links.served_vehicle import BACKLOG, Station
+from rovtwin.links.served_vehicle import BACKLOG, ServedVehicle
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Echo(Server):
     def addresses(self) -> list[str]:
         return self.hosts
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         if self.fails:
             raise LinkError(self.fails)
         station.say(f"echo of {', '.join(station.drones)} at {station.speed:g}, process {os.getpid()}")
@@ -42,7 +42,7 @@ class Echo(Server):
 class Blocked(Echo):
     """A server that blocks the loop: nothing else gets its turn any more."""
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         await asyncio.sleep(0)
         time.sleep(60)
 
@@ -123,7 +123,7 @@ def test_nobody_but_this_machine_unless_it_is_asked_for():
 
 def test_a_listener_that_is_slow_loses_the_oldest_readings():
     async def run():
-        station = Station()
+        station = ServedVehicle()
         listener = station.readings()
         first = asyncio.ensure_future(anext(listener))
         await asyncio.sleep(0)
@@ -154,7 +154,7 @@ def test_disarming_counts_when_two_servers_command_one_drone():
 
 def test_what_a_client_is_called_does_not_steer_the_users_terminal():
     texts = []
-    Station(say=texts.append).say("client \x1b[2J\x1b]0;owned\x07 is in control\n")
+    ServedVehicle(say=texts.append).say("client \x1b[2J\x1b]0;owned\x07 is in control\n")
     assert texts == ["client ?[2J?]0;owned? is in control?"]
 
 

@@ -25,7 +25,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.protobuf import names
 from rovtwin.links.blueye.server import BlueyeServer
 from rovtwin.links.blueye.wire import STILL
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import require_loopback
 
 PORT, STARBOARD = "127.0.0.4", "127.0.0.5"  # not 127.0.0.2 and .3, where tests of `rovtwin serve` may be at work
@@ -388,7 +388,7 @@ def test_address_that_is_taken(served, server):
     other = BlueyeServer(hosts=(PORT,), http_port=HTTP + 1)
     for taken, port in ((server, HTTP), (other, 5555)):
         with pytest.raises(LinkError, match=f"{PORT}:{port}: cannot be bound .* Is another server running there"):
-            asyncio.run(taken.run(Station()))
+            asyncio.run(taken.run(ServedVehicle()))
 
 
 def test_addresses():

@@ -11,7 +11,7 @@ import pytest
 from tests.links.sensors import connect, free_port, is_closed, wait_until
 from tests.links.serving import serving
 
-from rovtwin.links import tcp_server as crowd
+from rovtwin.links import tcp_server as open_tcp_server
 from rovtwin.links.qualisys import wire
 from rovtwin.links.qualisys.server import QtmServer
 from rovtwin.links.waterlinked.dvl_server import DvlServer
@@ -29,7 +29,7 @@ PAGES, STREAMS = [UgpsServer], [DvlServer, QtmServer]
 @pytest.fixture(params=PAGES, ids=lambda server: server.__name__)
 def served(request, monkeypatch):
     """A server with room for four, its port, and how to ask something there."""
-    monkeypatch.setattr(crowd, "IDLE", 0.3)
+    monkeypatch.setattr(open_tcp_server, "IDLE", 0.3)
     port = free_port()
     question, answer = ASKED[request.param]
 
@@ -48,7 +48,7 @@ def served(request, monkeypatch):
 def test_forty_silent_connections_keep_nobody_out(served):
     port, ask = served
     silent = [connect(port) for _ in range(SILENT)]
-    time.sleep(2 * crowd.IDLE)
+    time.sleep(2 * open_tcp_server.IDLE)
     newcomers = [connect(port) for _ in range(3)]
     assert all(ask(client) for client in newcomers)
     assert sum(is_closed(client, 0.1) for client in silent) >= SILENT - 1
@@ -58,13 +58,13 @@ def test_forty_silent_connections_keep_nobody_out(served):
 
 def test_who_says_something_stays_and_the_oldest_of_the_silent_goes(served):
     port, ask = served
-    time.sleep(2 * crowd.IDLE)  # those that asked whether it is there have left, or are silent
+    time.sleep(2 * open_tcp_server.IDLE)  # those that asked whether it is there have left, or are silent
     talker = connect(port)
     assert ask(talker)
     first = connect(port)
     time.sleep(0.05)
     others = [connect(port) for _ in range(2)]
-    until = time.monotonic() + 2 * crowd.IDLE
+    until = time.monotonic() + 2 * open_tcp_server.IDLE
     while time.monotonic() < until:
         assert ask(talker)
         time.sleep(0.05)
@@ -77,7 +77,7 @@ def test_who_says_something_stays_and_the_oldest_of_the_silent_goes(served):
 
 def test_where_nobody_is_silent_the_new_one_is_turned_away(served, monkeypatch):
     port, ask = served
-    monkeypatch.setattr(crowd, "IDLE", 60.0)
+    monkeypatch.setattr(open_tcp_server, "IDLE", 60.0)
     others = [connect(port) for _ in range(8)]
     assert sum(is_closed(other, 0.3) for other in others) >= 4
     for other in others:
@@ -91,7 +91,7 @@ def test_who_only_reads_a_stream_stays_however_silent(served):
     refused = {client for client in readers if is_closed(client, 0.3)}
     readers = [client for client in readers if client not in refused]
     assert 3 <= len(readers) <= 4
-    time.sleep(2 * crowd.IDLE)
+    time.sleep(2 * open_tcp_server.IDLE)
     newcomer = connect(port)
     assert is_closed(newcomer, 1.0)
     assert not any(is_closed(reader, 0.1) for reader in readers)
@@ -100,7 +100,7 @@ def test_who_only_reads_a_stream_stays_however_silent(served):
 
 
 def test_who_does_not_take_a_stream_gives_way_to_a_new_one(monkeypatch):
-    monkeypatch.setattr(crowd, "IDLE", 0.3)
+    monkeypatch.setattr(open_tcp_server, "IDLE", 0.3)
 
     async def sends(client):
         while client.stuck < 0.1 and not client.gone:
@@ -116,7 +116,7 @@ def test_who_does_not_take_a_stream_gives_way_to_a_new_one(monkeypatch):
 
     async def run():
         port, lines = free_port(), []
-        async with crowd.crowd("it", "127.0.0.1", port, sends, lines.append, 100, most=3) as people:
+        async with open_tcp_server.open_tcp_server("it", "127.0.0.1", port, sends, lines.append, 100, most=3) as people:
             readers = [asyncio.create_task(read(port)) for _ in range(2)]
             with socket.socket() as deaf:
                 deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

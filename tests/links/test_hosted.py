@@ -19,7 +19,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.links import host
-from rovtwin.links.remote_link import HostedLink
+from rovtwin.links.remote_link import RemoteLink
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -33,17 +33,17 @@ def wait_for(condition, seconds=5.0):
 
 def test_a_vehicle_that_cannot_be_reached_says_why():
     with pytest.raises(LinkError, match="no route to the moon"):
-        HostedLink(Opener(refuses="no route to the moon"), 3)
+        RemoteLink(Opener(refuses="no route to the moon"), 3)
 
 
 def test_a_process_that_is_not_up_in_time_is_not_laid_on_the_vehicle():
     """Seen on a busy machine, where the vehicle was on all the time."""
     with pytest.raises(LinkError, match="the vehicle was not asked"):
-        HostedLink(Opener(), 3, patience=0.01)
+        RemoteLink(Opener(), 3, patience=0.01)
 
 
 def test_a_vehicle_that_is_lost_in_flight_is_an_error_at_the_next_read(tmp_path):
-    with HostedLink(Opener(tmp_path / "told", dies_after=0.2), 3) as link, pytest.raises(LinkError, match="gone"):
+    with RemoteLink(Opener(tmp_path / "told", dies_after=0.2), 3) as link, pytest.raises(LinkError, match="gone"):
         until = time.monotonic() + 5.0
         while time.monotonic() < until:
             link.read()
@@ -58,14 +58,14 @@ FLIES = """
     import numpy as np
     from tests.links.vehicles import Opener
     from rovtwin.core.flow import Command
-    from rovtwin.links.remote_link import HostedLink
+    from rovtwin.links.remote_link import RemoteLink
 
     if __name__ == "__main__":
         signal.signal(signal.SIGINT, signal.default_int_handler)
         for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         told = Path(sys.argv[1])
-        with HostedLink(Opener(told), 3, told.with_name("stop")) as link:
+        with RemoteLink(Opener(told), 3, told.with_name("stop")) as link:
             while True:
                 link.send(Command(np.full(3, 0.5)))
                 link.read()
@@ -83,7 +83,7 @@ def test_a_terminal_that_is_closed_reaches_all_and_leaves_no_thrust(tmp_path, nu
 
 def test_a_host_that_hangs_holds_nobody_up(tmp_path):
     """Commands are not received then, but sending, stopping and closing return, and closing kills it."""
-    link = HostedLink(Opener(tmp_path / "told"), 3)
+    link = RemoteLink(Opener(tmp_path / "told"), 3)
     os.kill(link.pid, signal.SIGSTOP)
     began = time.monotonic()
     for _ in range(5000):
@@ -97,7 +97,7 @@ def test_a_host_that_hangs_holds_nobody_up(tmp_path):
 
 def test_a_stop_that_a_hung_host_had_no_room_for_arrives_when_it_goes_on(tmp_path):
     reported = tmp_path / "told"
-    with HostedLink(Opener(reported), 3) as link:
+    with RemoteLink(Opener(reported), 3) as link:
         os.kill(link.pid, signal.SIGSTOP)
         while host.writable(link._pipe):
             link.send(Command(np.full(3, 0.5)))

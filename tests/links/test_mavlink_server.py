@@ -16,9 +16,9 @@ from tests.links.serving import serving
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.server import MavlinkServer
-from rovtwin.links.mavlink.services.peers import MOST, SILENT, Peer, Peers
-from rovtwin.links.mavlink.telemetry.streams import ON_REQUEST, RATES
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.mavlink.services.other_requests.peers import MOST, SILENT, Peer, Peers
+from rovtwin.links.mavlink.telemetry.streams.streams import ON_REQUEST, RATES
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import require_loopback
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
@@ -319,7 +319,7 @@ def test_taken_port_says_so():
             endpoint(tcp_port=server.tcp_port),
         ):
             with pytest.raises(LinkError, match="cannot be bound"):
-                asyncio.run(clash.run(Station()))
+                asyncio.run(clash.run(ServedVehicle()))
 
 
 def test_ground_station_elsewhere_is_exposed():

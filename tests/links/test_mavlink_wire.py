@@ -15,7 +15,7 @@ from rovtwin.links.mavlink.driver.readings import Readings
 from rovtwin.links.mavlink.link import MavlinkLink
 from rovtwin.links.mavlink.server import MavlinkServer, Session
 from rovtwin.links.mavlink.wire import LONGEST, Decoder, Encoder
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -105,7 +105,7 @@ class Endpoint:
 
     def __init__(self):
         self.commands, self.sent = [], []
-        self.station = Station(send=self.commands.append)
+        self.station = ServedVehicle(send=self.commands.append)
         self.station.feed(0.0, measured(0.0, estimate=True))
         self.session = Session(MavlinkServer(), self.station)
         self.session._udp = self

@@ -12,7 +12,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link
 from rovtwin.links import host
-from rovtwin.links.remote_link import HostedLink
+from rovtwin.links.remote_link import RemoteLink
 
 PERIOD = 0.02
 
@@ -86,7 +86,7 @@ def moving(path: Path) -> bool:
     return bool((np.abs(last_sent(path)[1]) > 0.0).any())
 
 
-class ThreadHosted(HostedLink):
+class ThreadHosted(RemoteLink):
     """The host in a thread of this process: what it does with a link, without the time that a process takes."""
 
     def _start(self, opener, thrusters, stop_at):

@@ -129,12 +129,12 @@ def test_tick_by_tick_is_the_scan(twin, flight):
 
 @pytest.mark.slow
 def test_a_crowd_flies_like_each_alone(twin, flight):
-    def crowd(keys):
+    def open_tcp_server(keys):
         tick = jax.vmap(twin.step, in_axes=(0, TwinInput(Command(None), None), None))
         memory = jax.vmap(lambda key: twin.init(key, START))(keys)
         return jax.lax.scan(lambda m, k: tick(m, TwinInput(command(k), k), DT), memory, jnp.arange(500))[1]
 
-    together = jax.jit(crowd)(KEYS)
+    together = jax.jit(open_tcp_server)(KEYS)
     for i in range(len(KEYS)):
         for a, b in zip(jax.tree.leaves(flight[i][1]), jax.tree.leaves(together), strict=True):
             np.testing.assert_allclose(np.asarray(b)[:, i].astype(float), np.asarray(a).astype(float), atol=1e-9)
@@ -184,8 +184,8 @@ def test_empty_has_the_shape_of_what_is_measured(twin, flight):
 def test_a_minute_of_calm_water_in_a_crowd_agrees_to_a_nanometre():
     twin = Twin(vehicle(), World(), table_5_7())
     state = jax.jit(lambda key: fly(twin, key, 3000)[1].state)(KEYS[1])
-    crowd = jax.jit(jax.vmap(lambda key: fly(twin, key, 3000)[1].state))(KEYS)
-    for a, b in zip(jax.tree.leaves(state), jax.tree.leaves(crowd), strict=True):
+    open_tcp_server = jax.jit(jax.vmap(lambda key: fly(twin, key, 3000)[1].state))(KEYS)
+    for a, b in zip(jax.tree.leaves(state), jax.tree.leaves(open_tcp_server), strict=True):
         np.testing.assert_allclose(b[1], a, atol=1e-9)
 
 

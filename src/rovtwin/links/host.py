@@ -1,4 +1,4 @@
-"""The process that holds a HostedLink's link: it minds the thrusters whatever becomes of the autopilot.
+"""The process that holds a RemoteLink's link: it minds the thrusters whatever becomes of the autopilot.
 
 It keeps the newest command for 0.3 s and no longer. When the pipe to the autopilot closes (it ended, crashed, was
 killed), or nothing comes through it, thrusters stop. Whoever writes to its stop socket stops them too: a way that

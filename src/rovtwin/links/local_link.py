@@ -1,4 +1,4 @@
-"""KeptLink: what a link within our own process does with commands: it keeps the newest one, for COMMAND_LIFE."""
+"""LocalLink: what a link within our own process does with commands: it keeps the newest one, for COMMAND_LIFE."""
 
 import abc
 
@@ -10,7 +10,7 @@ from rovtwin.core.link import COMMAND_LIFE, Link
 ROUNDING = 1e-9  # of times that are multiples of a period [s]
 
 
-class KeptLink(Link):
+class LocalLink(Link):
     """Keeps the newest command, clipped; `stop` latches."""
 
     def __init__(self, thrusters: int):

@@ -11,7 +11,7 @@ class PilotCommand:
     """What one drone shall do until the next command.
 
     Attributes:
-        drone: Its name, one of `Station.drones`.
+        drone: Its name, one of `ServedVehicle.drones`.
         armed: Whether its thrusters may turn at all.
         motion: Surge, sway, heave, roll, pitch, yaw (FRD: heave down, yaw clockwise), each a share of the largest force
             or moment, -1 to 1, shape (6,). With a hold on, the share of the largest rate of what is held.

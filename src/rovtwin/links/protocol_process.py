@@ -19,7 +19,7 @@ from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 
 PILOT_COMMAND_LIFE = COMMAND_LIFE  # a command older than this counts no more [s]
 GONE = "it ended, or was killed; thrusters are off"
@@ -146,7 +146,7 @@ def _main(pipe: Connection, servers: list[Server], drones: tuple[str, ...], spee
 
 async def _serve(pipe: Connection, servers: list[Server], drones: tuple[str, ...], speed: float) -> None:
     loop, over = asyncio.get_running_loop(), asyncio.Event()
-    station = Station(
+    station = ServedVehicle(
         drones,
         lambda command: _tell(pipe, "command", (time.monotonic(), command)),
         lambda text: _tell(pipe, "say", text),

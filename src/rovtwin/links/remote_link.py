@@ -1,4 +1,4 @@
-"""HostedLink: a real vehicle's link in a process of its own, so that the vehicle outlives whatever becomes of ours.
+"""RemoteLink: a real vehicle's link in a process of its own, so that the vehicle outlives whatever becomes of ours.
 
 What goes on in that process is in `host`.
 """
@@ -22,7 +22,7 @@ ARMING = 10.0  # longest wait for a vehicle to arm [s]
 CONNECTING = 30.0  # longest wait for a vehicle [s]
 
 
-class HostedLink(Link):
+class RemoteLink(Link):
     """A link that runs elsewhere, behind a pipe.
 
     Attributes:

@@ -9,13 +9,13 @@ from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Log
-from rovtwin.links.local_link import KeptLink
+from rovtwin.links.local_link import LocalLink
 
 SENSOR = "sensor/"
 PATIENCE = 1.0  # after the last reading [s]
 
 
-class ReplayLink(KeptLink):
+class ReplayLink(LocalLink):
     """The readings of a log, each at the time at which the autopilot of that flight got it.
 
     Attributes:

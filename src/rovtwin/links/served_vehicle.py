@@ -1,4 +1,4 @@
-"""Station: what a protocol's server sees of a vehicle, be it simulated or replayed."""
+"""ServedVehicle: what a protocol's server sees of a vehicle, be it simulated or replayed."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -9,7 +9,7 @@ from rovtwin.links.pilot_command import PilotCommand
 BACKLOG = 64  # batches of readings that a slow server may be behind before it loses the oldest
 
 
-class Station:
+class ServedVehicle:
     """A vehicle's readings as they come, and where commands for it go.
 
     A vehicle of several drones names what one of them measures `<drone>/<sensor>`; what measures the whole vehicle has

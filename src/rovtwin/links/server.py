@@ -5,14 +5,14 @@ import ipaddress
 from collections.abc import Sequence
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 
 
 class Server(abc.ABC):
     """A vendor's protocol, spoken for a vehicle. Picklable before it runs: it runs in a process of its own."""
 
     @abc.abstractmethod
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         """Serve until cancelled. When it returns or is cancelled, all sockets are closed and no drone is armed.
 
         Raises:

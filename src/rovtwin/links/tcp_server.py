@@ -1,4 +1,4 @@
-"""Crowd: many clients of one TCP port, none of which can hold up the others or the server."""
+"""TcpServer: many clients of one TCP port, none of which can hold up the others or the server."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.links.server import address_taken
 
 MOST_CLIENTS = 16
-IDLE = 5.0  # after this a client gives way to a new one where there are too many: of what, see `crowd` [s]
+IDLE = 5.0  # after this a client gives way to a new one where there are too many: of what, see `open_tcp_server` [s]
 MOST_WAITING = 256 * 1024  # bytes that a client may leave unread before it is dropped, beside the kernel's buffers
 KERNEL_BUFFER = 64 * 1024  # bytes of the kernel's own sending buffer [as asked; Linux doubles it]
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))  # [s, s, probes]
@@ -93,7 +93,7 @@ class Client:
         self._writer.transport.abort()
 
 
-class Crowd:
+class TcpServer:
     """Those who are connected now, and how many could not be had."""
 
     def __init__(self, say: Callable[[str], None], must_ask: bool = False):
@@ -103,7 +103,7 @@ class Crowd:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def make_room(self) -> bool:
-        """Drop one client that makes no use of its place, if there is one; whether there was. See `crowd`."""
+        """Drop one client that makes no use of its place, if there is one; whether there was. See `open_tcp_server`."""
         useless = [one for one in self.clients if one.stuck >= IDLE]
         if not useless and self._must_ask:
             useless = [one for one in self.clients if min(one.silence) >= IDLE]
@@ -124,7 +124,7 @@ Handle = Callable[[Client], Awaitable[None]]
 
 
 @asynccontextmanager
-async def crowd(
+async def open_tcp_server(
     what: str,
     host: str,
     port: int,
@@ -133,7 +133,7 @@ async def crowd(
     line: int,
     most: int = MOST_CLIENTS,
     must_ask: bool = False,
-) -> AsyncIterator[Crowd]:
+) -> AsyncIterator[TcpServer]:
     """Listen on a port; each client that comes is given to `handle` in a task of its own, which ends with it.
 
     Args:
@@ -152,7 +152,7 @@ async def crowd(
     Raises:
         LinkError: The address cannot be bound.
     """
-    people = Crowd(say, must_ask)
+    people = TcpServer(say, must_ask)
 
     async def meet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

@@ -7,12 +7,12 @@ import numpy as np
 
 from rovtwin.core.flow import Command, Measurement, Measurements
 from rovtwin.core.numerics import jnp
-from rovtwin.links.local_link import KeptLink
+from rovtwin.links.local_link import LocalLink
 
 Advance = Callable[[Any, Command, int], tuple[Any, Measurements]]
 
 
-class TwinLink(KeptLink):
+class TwinLink(LocalLink):
     """A simulated vehicle that moves on by up to one control period whenever it is read.
 
     Args:

@@ -15,7 +15,7 @@ from rovtwin.core.numerics import jax
 from rovtwin.links import registry
 from rovtwin.links.endpoint import LinkContext
 from rovtwin.links.host import Opener
-from rovtwin.links.remote_link import HostedLink
+from rovtwin.links.remote_link import RemoteLink
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.twin import TwinLink
 from rovtwin.links.url import Url
@@ -130,7 +130,7 @@ def _replay(url: Url, scenario: Scenario, clock: Clock) -> Link:
 
 
 def _hosted(opener: Opener, scenario: Scenario) -> Link:
-    return HostedLink(opener, len(vehicle_of(scenario).thruster_names))
+    return RemoteLink(opener, len(vehicle_of(scenario).thruster_names))
 
 
 HERE: dict[str, Callable[[Url, Scenario, Clock], Link]] = {"twin": _twin, "replay": _replay}

@@ -4,7 +4,7 @@ import numpy as np
 
 from rovtwin.console.engine.flights import Event, Logbook
 from rovtwin.core.errors import RovtwinError
-from rovtwin.links.remote_link import HostedLink
+from rovtwin.links.remote_link import RemoteLink
 
 
 class ArmSwitch:
@@ -36,11 +36,11 @@ class ArmSwitch:
         self.stopped = True
         return news
 
-    def is_overtaken(self, link: HostedLink) -> bool:
+    def is_overtaken(self, link: RemoteLink) -> bool:
         """Whether the link's host was asked to stop since, past us."""
         return (self.armed or self.arming) and link.stopped_at > self._asked_at
 
-    def go_on(self, link: HostedLink, t: float) -> None:
+    def go_on(self, link: RemoteLink, t: float) -> None:
         """The next step of arming, at a tick's time [s]; what came of it is an event."""
         if not self.arming or self._logbook.is_opening:
             return

@@ -16,7 +16,7 @@ from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
 from rovtwin.core.urgent import settle
-from rovtwin.links.remote_link import CONNECTING, HostedLink
+from rovtwin.links.remote_link import CONNECTING, RemoteLink
 from rovtwin.live.connect import opener, source
 from rovtwin.live.flight import needed_by
 from rovtwin.live.readiness import Readiness, SensorMux, listen
@@ -95,7 +95,7 @@ class Limits:
 class VehicleSession:
     """A vehicle that is connected."""
 
-    link: HostedLink
+    link: RemoteLink
     sources: list[Source]
     mux: SensorMux
     readiness: Readiness
@@ -204,13 +204,13 @@ class SessionBuilder:
             raise
         return VehicleSession(link, sources, mux, readiness, helm, simulation, limits, watch)
 
-    def _open(self) -> HostedLink:
+    def _open(self) -> RemoteLink:
         config = self.config
         if config.is_twin:
             made, patience = WorldOpener(config.scenario, self.clock), COMPILING
         else:
             made, patience = opener(config.link, config.scenario, self.clock), CONNECTING
-        return HostedLink(made, len(vehicle_of(config.scenario).thruster_names), config.stop_at, patience)
+        return RemoteLink(made, len(vehicle_of(config.scenario).thruster_names), config.stop_at, patience)
 
     def _compiled(self) -> Compiled:
         scenario = self.config.scenario

@@ -10,10 +10,10 @@ from typing import Any
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
-from rovtwin.links.blueye.drone.drone.divelog import DiveLog
-from rovtwin.links.blueye.drone.drone.drone import FASTEST, About, Drone
-from rovtwin.links.blueye.drone.drone.telemetry import Telemetry
-from rovtwin.links.blueye.mission.supervisor.notes import INFO
+from rovtwin.links.blueye.drone.drone.drone.divelog import DiveLog
+from rovtwin.links.blueye.drone.drone.drone.drone import FASTEST, About, Drone
+from rovtwin.links.blueye.drone.drone.drone.telemetry import Telemetry
+from rovtwin.links.blueye.mission.supervisor.supervisor.notes import INFO
 from rovtwin.links.blueye.protobuf import PACKAGE
 from rovtwin.links.blueye.services.answers import answer
 from rovtwin.links.blueye.services.http import HttpServer
@@ -21,7 +21,7 @@ from rovtwin.links.blueye.services.sockets import listen, peer_of, ports_of, rec
 from rovtwin.links.blueye.wire import Ignored, Watchdog, parse_control
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 
 FIRST = 2  # of 127.0.0.x, which the drones get unless set otherwise
 REPEAT = 0.05  # a command is repeated so often while the pilot lives [s]
@@ -33,7 +33,7 @@ class BlueyeServer(Server):
     """Serves each drone of a station at an address of its own, for the ports are fixed.
 
     Attributes:
-        hosts: Address of each drone in the order of Station.drones, or by its name; default 127.0.0.2, 127.0.0.3, ..
+        hosts: Address of each drone in the order of ServedVehicle.drones, or by its name; default 127.0.0.2, 127.0.0.3, ..
         http_port: 80 for the SDK, which needs root; or another and a client with `http_proxy=http://<address>:<port>`.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s]; the SDK feeds it at 1 Hz.
         about: What a drone says of itself.
@@ -72,7 +72,7 @@ class BlueyeServer(Server):
             )
         return dict(zip(drones, hosts, strict=True))
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         placed = self.placed(station.drones)
         several = len(placed) > 1
         drones = {
@@ -123,7 +123,7 @@ class Served:
     def __init__(
         self,
         drone: Drone,
-        station: Station,
+        station: ServedVehicle,
         datum: Datum | None,
         log: DiveLog,
         telemetry: Any,

@@ -22,7 +22,7 @@ from rovtwin.links.mavlink.services.sockets import open_tcp, open_udp
 from rovtwin.links.mavlink.telemetry.scene import Scene, rounds
 from rovtwin.links.mavlink.telemetry.streams import MESSAGES, RATES, Schedule
 from rovtwin.links.mavlink.wire import Decoder, Encoder, dialect
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import Server
 
 logger = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ class MavlinkServer(Server):
         ground_station: Host and port that telemetry is sent to without being asked, `""` for none.
         udp_port: Own UDP port; clients send there, and the ground station is called from there.
         tcp_port: TCP port, or None for no TCP.
-        drone: Name of the drone, one of `Station.drones`.
+        drone: Name of the drone, one of `ServedVehicle.drones`.
         system: MAVLink system id of the vehicle; its component is 1, the autopilot.
         datum: Origin of n on the map.
         mixer: From `mixing.mixer(thrusters)`: axes are then what ArduSub makes of them at the thrusters, linear in
@@ -89,7 +89,7 @@ class MavlinkServer(Server):
         called = [_host_and_port(self.ground_station)[0]] if self.ground_station else []
         return [self.address, *called]
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         """Serve until cancelled.
 
         Raises:
@@ -114,7 +114,7 @@ def _host_and_port(text: str) -> tuple[str, int]:
 class Session:
     """One run of a server: its sockets, peers and the autopilot behind them."""
 
-    def __init__(self, server: MavlinkServer, station: Station):
+    def __init__(self, server: MavlinkServer, station: ServedVehicle):
         self._server, self._station = server, station
         self._dialect = dialect()
         self._peers = Peers(self._new_peer)

@@ -14,9 +14,9 @@ from rovtwin.links.qualisys import control, wire
 from rovtwin.links.qualisys.control import MASTER_ONLY, Control
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.wire import COMMAND, ERROR, NO_MORE_DATA, XML, Stream
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import Server
-from rovtwin.links.tcp_server import MOST_CLIENTS, Client, crowd
+from rovtwin.links.tcp_server import MOST_CLIENTS, Client, open_tcp_server
 
 PORT = 22223  # little endian; QTM's base port 22222 and one
 LOST = 0.2  # no pose for so long: the body is lost [s]
@@ -52,10 +52,10 @@ class QtmServer(Server):
     def addresses(self) -> list[str]:
         return [self.host]
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         qtm = _Qtm(self, station)
         where = (self.host, self.port)
-        async with crowd("qtm", *where, qtm.serve, station.say, wire.LONGEST_COMMAND, self.most_clients):
+        async with open_tcp_server("qtm", *where, qtm.serve, station.say, wire.LONGEST_COMMAND, self.most_clients):
             station.say(f"qtm: speaks at {self.host}:{self.port}")
             async for batch in station.readings():
                 qtm.receive(batch)
@@ -93,7 +93,7 @@ class _Viewer:
 class _Qtm:
     """The program: who looks, and the last frame."""
 
-    def __init__(self, options: QtmServer, station: Station):
+    def __init__(self, options: QtmServer, station: ServedVehicle):
         self.options, self.station = options, station
         self.viewers: set[_Viewer] = set()
         self.malformed = 0

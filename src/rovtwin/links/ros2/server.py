@@ -16,7 +16,7 @@ from rovtwin.links.ros2.middleware import Middleware, open_transport
 from rovtwin.links.ros2.pilot import Pilot
 from rovtwin.links.ros2.speak import Speaker
 from rovtwin.links.ros2.transport import Transport
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import Server
 
 COMMAND_RATE = 20.0  # repeated a second (real time)
@@ -77,7 +77,7 @@ class Ros2Server(Server):
         """All, if exposed: ROS 2 chooses ports by domain and finds others by multicast."""
         return ["0.0.0.0" if self.expose else "127.0.0.1"]
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         convert.prepare()
         name = "_".join(["rovtwin", *self.namespace.strip("/").split("/")])
         transport = open_transport(name, self.domain, self.expose, self.middleware)
@@ -110,7 +110,7 @@ def check_namespace(namespace: str) -> str:
 class _Serving:
     """A server that runs: from the station's readings to topics, and from topics to commands."""
 
-    def __init__(self, server: Ros2Server, station: Station, transport: Transport):
+    def __init__(self, server: Ros2Server, station: ServedVehicle, transport: Transport):
         self.server, self.station, self.transport = server, station, transport
         self.root = check_namespace(server.namespace)
         self.pilots = {drone: Pilot(drone, server.life) for drone in station.drones}

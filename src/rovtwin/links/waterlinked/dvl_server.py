@@ -14,9 +14,9 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
 from rovtwin.links.rotations import turn_about_z
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import Server
-from rovtwin.links.tcp_server import MOST_CLIENTS, Client, Crowd, crowd
+from rovtwin.links.tcp_server import MOST_CLIENTS, Client, TcpServer, open_tcp_server
 from rovtwin.links.waterlinked.dvl_pages import DvlPages
 from rovtwin.links.waterlinked.dvl_wire import (
     CONFIG,
@@ -79,7 +79,7 @@ class DvlServer(Server):
     def addresses(self) -> list[str]:
         return [self.host]
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         dvl = _Dvl(self, station)
 
         async def serve(client: Client) -> None:
@@ -93,7 +93,7 @@ class DvlServer(Server):
 
         where = (self.host, self.port)
         async with (
-            crowd("dvl", *where, serve, station.say, LONGEST_LINE, self.most_clients) as people,
+            open_tcp_server("dvl", *where, serve, station.say, LONGEST_LINE, self.most_clients) as people,
             AsyncExitStack() as stack,
         ):
             station.say(f"dvl: speaks at {self.host}:{self.port}")
@@ -122,9 +122,9 @@ class DvlServer(Server):
 class _Dvl:
     """The instrument: what it was sent, and what it last saw."""
 
-    def __init__(self, options: DvlServer, station: Station):
+    def __init__(self, options: DvlServer, station: ServedVehicle):
         self.options, self.station = options, station
-        self.people: Crowd | None = None
+        self.people: TcpServer | None = None
         self.config: dict[str, Any] = dict(CONFIG)
         self.epoch = time.time() - station.now if options.epoch is None else options.epoch
         self.pings = 0

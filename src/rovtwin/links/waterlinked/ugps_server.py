@@ -13,7 +13,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
 from rovtwin.links.http_wire import Request
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import Server
 from rovtwin.links.waterlinked import ugps_wire as wire
 from rovtwin.links.waterlinked.ugps_wire import AcousticPosition, MapPosition
@@ -56,7 +56,7 @@ class UgpsServer(Server):
     def addresses(self) -> list[str]:
         return [self.host]
 
-    async def run(self, station: Station) -> None:
+    async def run(self, station: ServedVehicle) -> None:
         kit = _Kit(self, station)
         async with serving_pages("ugps", self.host, self.port, kit, self.most_clients):
             station.say(f"ugps: speaks at http://{self.host}:{self.port}")
@@ -67,7 +67,7 @@ class UgpsServer(Server):
 class _Kit:
     """The instrument: what it was sent, and the last fix."""
 
-    def __init__(self, options: UgpsServer, station: Station):
+    def __init__(self, options: UgpsServer, station: ServedVehicle):
         self.options, self.station = options, station
         options.datum.geodetic([0.0, 0.0, 0.0])  # imports what maps need now: later it would hold up the other servers
         self.malformed = 0

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.http_wire import LONGEST_HEAD, Request, parse_request, response_bytes
-from rovtwin.links.tcp_server import Client, crowd
+from rovtwin.links.tcp_server import Client, open_tcp_server
 
 PATIENCE = 10.0  # for a whole request, and between two on one connection [s of real time]
 MOST_CLIENTS = 32  # connections; browsers open six each
@@ -43,7 +43,7 @@ async def serving_pages(what: str, host: str, port: int, pages: Pages, most: int
     def quiet(text: str) -> None:
         """Four connections a second are no news."""
 
-    async with crowd(what, host, port, serve, quiet, LONGEST_HEAD, most, must_ask=True):
+    async with open_tcp_server(what, host, port, serve, quiet, LONGEST_HEAD, most, must_ask=True):
         yield
 
 

@@ -43,7 +43,7 @@ class Drone:
     """A drone's state as the protocol sees it. `now` is real time [s] of one steady clock.
 
     Attributes:
-        name: One of Station.drones.
+        name: One of ServedVehicle.drones.
         about: What it says of itself.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s].
         fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].

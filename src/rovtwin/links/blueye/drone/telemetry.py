@@ -12,7 +12,7 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye.drone.contents import SENSORS, Contents
 from rovtwin.links.blueye.drone.drone import Drone
 from rovtwin.links.blueye.wire import FASTEST
-from rovtwin.links.served_vehicle import Station
+from rovtwin.links.served_vehicle import ServedVehicle
 
 # Message -> rate [Hz] until a client sets another. The maker does not print its own; these are such that a client
 # which sets nothing can steer by them.
@@ -52,7 +52,7 @@ class Telemetry:
         self._failed: set[str] = set()
         self.rates = SENSED | KNOWN | AT_ONCE
         self.contents = Contents(drone, datum)
-        self._own = {Station.name(drone.name, sensor): sensor for sensor in SENSORS}
+        self._own = {ServedVehicle.name(drone.name, sensor): sensor for sensor in SENSORS}
         self._seen: set[str] = set()
         self._next: dict[str, float] = {}
 
