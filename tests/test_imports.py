@@ -68,6 +68,21 @@ LAYERS: dict[str, list[set[str]]] = {
         {"cameras", "evidence", "identification", "run"},
         {"plans", "studies", "vehicles"},
     ],
+    "links/mavlink": [
+        {"mixing", "modes", "wire"},
+        {"firmware"},
+        {"driver", "telemetry"},
+        {"services"},
+        {"link", "server"},
+    ],
+    "links/blueye": [
+        {"protobuf", "readings", "wire"},
+        {"driver", "mission"},
+        {"drone"},
+        {"services"},
+        {"link", "server"},
+        {"double"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

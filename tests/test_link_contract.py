@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.links.ros2_fake import FakeVehicle
+from tests.links.ros2.fake import FakeVehicle
 from tests.links.vehicles import PlainLink, ThreadHosted
 
 import rovtwin.links
@@ -88,7 +88,7 @@ def hosted_rig() -> LinkRig:
 
 def blueye_rig(double: bool) -> LinkRig:
     """A link to one Blueye, or to two, behind our own server; its time is the test's, real time only lets it work."""
-    from tests.links.blueye_rig import BlueyeRig
+    from tests.links.blueye.rig import BlueyeRig
 
     rig = BlueyeRig(double, PERIOD)
     return LinkRig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1, rig.done)
@@ -97,7 +97,7 @@ def blueye_rig(double: bool) -> LinkRig:
 def mavlink_rig() -> LinkRig:
     """An ArduSub's link on the twin's own endpoint, armed; three axes stand for three thrusters."""
     pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
-    from tests.links.mavlink_vehicle import endpoint, measured, soon
+    from tests.links.mavlink.vehicle import endpoint, measured, soon
     from tests.links.serving import serving
 
     from rovtwin.links.mavlink.link import MavlinkLink
@@ -149,7 +149,7 @@ RIGS: dict[str, Callable[[], LinkRig]] = {
     "mavlink.link.MavlinkLink": mavlink_rig,
     "ros2.link.Ros2Link": ros2_rig,
     "replay.ReplayLink": replay_rig,
-    "hosted.RemoteLink": hosted_rig,
+    "remote_link.RemoteLink": remote_rig,
     "blueye.link.BlueyeLink": lambda: blueye_rig(double=False),
     "blueye.double.DoubleBlueyeLink": lambda: blueye_rig(double=True),
 }

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from tests.links.fault_bench import bench
-from tests.links.fault_cases import Case, Outcome, perform
-from tests.links.fault_list import CASES
+from tests.links.faults.bench import bench
+from tests.links.faults.cases import Case, Outcome, perform
+from tests.links.faults.list import CASES
 
 ROOT = Path(__file__).parents[2]
 BEGIN, END = "<!-- tables: docs/scripts/link_faults.py -->", "<!-- end of tables -->"

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from tests.links.faults.wire import Fault, Loop, TcpProxy, Wire
 from tests.links.sensors import HOST, free_port, reading
 from tests.links.serving import serving
-from tests.links.wire_faults import Fault, Loop, TcpProxy, Wire
 
 from rovtwin.links.qualisys.server import QtmServer
 from rovtwin.links.qualisys.source import QtmSource

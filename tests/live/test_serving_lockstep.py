@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from tests.links.mavlink_vehicle import free_port
+from tests.links.mavlink.vehicle import free_port
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log

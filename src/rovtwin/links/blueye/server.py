@@ -33,7 +33,7 @@ class BlueyeServer(Server):
     """Serves each drone of a station at an address of its own, for the ports are fixed.
 
     Attributes:
-        hosts: Address of each drone in the order of ServedVehicle.drones, or by its name; default 127.0.0.2, 127.0.0.3, ..
+        hosts: Address of each drone, in the order of ServedVehicle.drones or by name; default 127.0.0.2, 127.0.0.3, ..
         http_port: 80 for the SDK, which needs root; or another and a client with `http_proxy=http://<address>:<port>`.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s]; the SDK feeds it at 1 Hz.
         about: What a drone says of itself.

@@ -10,7 +10,7 @@ from typing import Any
 
 import zmq
 import zmq.asyncio
-from tests.links.wire_faults import Wire, damage
+from tests.links.faults.wire import Wire, damage
 
 TELEMETRY, REQUESTS, CONTROL = 5555, 5556, 5557
 

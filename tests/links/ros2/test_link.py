@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.links.ros2_fake import FakeTransport, FakeVehicle
+from tests.links.ros2.fake import FakeTransport, FakeVehicle
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from tests.links.mavlink_vehicle import ATTITUDE, PLACE, endpoint, measured, soon
+from tests.links.mavlink.vehicle import ATTITUDE, PLACE, endpoint, measured, soon
 from tests.links.serving import serving
 
 from rovtwin.core.errors import ConfigError, LinkError

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.links.mavlink_vehicle import PLACE, measured, soon
-from tests.links.test_mavlink_server import Client, station
+from tests.links.mavlink.test_server import Client, station
+from tests.links.mavlink.vehicle import PLACE, measured, soon
 
 from rovtwin.links.mavlink.telemetry.streams.streams import RATES
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.links.mavlink_vehicle import measured
+from tests.links.mavlink.vehicle import measured
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.mavlink import link as link_module

@@ -73,7 +73,7 @@ def test_a_real_rclpy_node_hears_odometry_and_steers():
     received: dict[str, dict] = {}
     server = Ros2Server(largest=FORCES, domain=DOMAIN, middleware="cyclonedds", std={"estimate": (0.1,) * 12})
     with serving(server) as served:
-        command = [sys.executable, str(Path(__file__).with_name("ros2_node.py"))]
+        command = [sys.executable, str(Path(__file__).with_name("node.py"))]
         node = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
 
         def listen() -> None:

@@ -1,7 +1,7 @@
 """The cases of the table, protocol by protocol."""
 
-from tests.links.fault_bench import STREAMS
-from tests.links.fault_cases import (
+from tests.links.faults.bench import STREAMS
+from tests.links.faults.cases import (
     BLUEYE_WATCHDOG,
     BUSY,
     DATAGRAMS,
@@ -31,7 +31,7 @@ from tests.links.fault_cases import (
     synchronised,
     until_given_up,
 )
-from tests.links.wire_faults import Fault
+from tests.links.faults.wire import Fault
 
 HALF = Fault(delay=0.5)
 JITTER = Fault(jitter=0.5)

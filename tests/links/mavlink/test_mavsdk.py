@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.links.mavlink_vehicle import ATTITUDE, PLACE, endpoint, measured, soon
+from tests.links.mavlink.vehicle import ATTITUDE, PLACE, endpoint, measured, soon
 from tests.links.serving import serving
 
 try:
@@ -140,7 +140,7 @@ def test_offboard_set_points(armed):
 
 
 def test_the_script_of_the_docs_steers():
-    page = (Path(__file__).parents[2] / "docs" / "links_mavlink.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "links_mavlink.md").read_text()
     (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
     server = endpoint()
     with serving(server) as served:

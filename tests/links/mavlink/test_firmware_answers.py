@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from tests.links.firmware_questions import GUIDED, IN_GUIDED, MANUAL, MODES, QUESTIONS, SET_MODE, STICKS, long
-from tests.links.firmware_talk import RECORD, Line, shape
-from tests.links.mavlink_vehicle import endpoint, measured, soon
+from tests.links.mavlink.firmware_questions import GUIDED, IN_GUIDED, MANUAL, MODES, QUESTIONS, SET_MODE, STICKS, long
+from tests.links.mavlink.firmware_talk import RECORD, Line, shape
+from tests.links.mavlink.vehicle import endpoint, measured, soon
 from tests.links.serving import serving
 
 from rovtwin.core.flow import Measurement

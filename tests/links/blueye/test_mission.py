@@ -9,7 +9,7 @@ from dataclasses import replace
 import blueye.protocol as bp
 import pytest
 from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
-from tests.links.blueye_vehicle import readings
+from tests.links.blueye.vehicle import readings
 
 from rovtwin.core.datum import Datum
 from rovtwin.links.blueye.drone.drone import About, Drone

@@ -1,6 +1,6 @@
 """A client in a process of its own that keeps a vehicle's thrusters turning, and does what its input says.
 
-python -m tests.links.fault_pilot KIND WHERE JUMP
+python -m tests.links.faults.pilot KIND WHERE JUMP
 
 Kinds: `link` is what `rovtwin fly --link WHERE` holds the vehicle by; `sdk` is the vendor's blueye.sdk, `take` the same
 that sends other clients away, `pymavlink` a ground station. Lines of input: `steer SHARE`, `stop`, `close`, and what a
@@ -17,7 +17,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 import numpy as np
-from tests.links.fault_clock import JumpingClock
+from tests.links.faults.clock import JumpingClock
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command

@@ -1,9 +1,9 @@
 """MAVSDK-Python's examples against the served twin: which run, which are refused, and with what reason.
 
-`python -m tests.links.mavsdk_examples FOLDER --python PYTHON [--named VERSION] [--write docs/links_mavlink.md]` runs
-every example of FOLDER in PYTHON, an interpreter that has their package (`pip install 'mavsdk<4'`), one after the other
-against one served BlueROV2 Heavy. Examples run as they are but for the address: copies in a temporary folder listen
-where this twin calls. The table is printed, or written between the marks of a page.
+`python -m tests.links.mavlink.mavsdk_examples FOLDER --python PYTHON [--named VERSION] [--write docs/links_mavlink.md]`
+runs every example of FOLDER in PYTHON, an interpreter that has their package (`pip install 'mavsdk<4'`), one after the
+other against one served BlueROV2 Heavy. Examples run as they are but for the address: copies in a temporary folder
+listen where this twin calls. The table is printed, or written between the marks of a page.
 """
 
 import argparse
@@ -141,7 +141,7 @@ def _shortened(words: str) -> str:
 
 def try_all(folder: Path, python: str, seconds: float, only: list[str], say=print) -> list[Tried]:
     """Run the examples of a folder against a served twin."""
-    from tests.links.mavlink_vehicle import free_port
+    from tests.links.mavlink.vehicle import free_port
     from tests.links.twins import twin_served
 
     from rovtwin.links import protocol_process as apart

@@ -26,7 +26,7 @@ from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
 
 HOSTS, HTTP = ("127.0.0.22", "127.0.0.23"), 8795
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 # Small, but with as many way-points as the lawn-mower: programs of one shape are compiled once.
 LINES = [(2, 0), (2, 1), (0, 1), (0, 2), (2, 2), (2, 3), (0, 3)]
 

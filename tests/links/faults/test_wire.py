@@ -4,9 +4,9 @@ Real processes on fixed addresses of their own: all tests that bind them are in 
 """
 
 import pytest
-from tests.links.fault_bench import bench
-from tests.links.fault_cases import perform
-from tests.links.fault_list import CASES, QUICK
+from tests.links.faults.bench import bench
+from tests.links.faults.cases import perform
+from tests.links.faults.list import CASES, QUICK
 
 pytest.importorskip("blueye.sdk", reason="blueye.sdk is not installed: pip install 'rovtwin[blueye]'")
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.links.mavlink_vehicle import ATTITUDE, PLACE, endpoint, free_port, measured, soon
+from tests.links.mavlink.vehicle import ATTITUDE, PLACE, endpoint, free_port, measured, soon
 from tests.links.serving import serving
 
 from rovtwin.core.errors import LinkError, LinkTimeout

@@ -9,9 +9,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tests.links.fault_bench import MAVLINK, MESSAGES, STREAMS, Bench, Process, Slow, reset, running, wait
-from tests.links.fault_vehicle import TCP, UDP
-from tests.links.wire_faults import SOUND, Fault
+from tests.links.faults.bench import MAVLINK, MESSAGES, STREAMS, Bench, Process, Slow, reset, running, wait
+from tests.links.faults.vehicle import TCP, UDP
+from tests.links.faults.wire import SOUND, Fault
 
 ONE, TWO, LATER = f"blueye://{STREAMS[0]}", f"blueye://{','.join(STREAMS)}", f"blueye://{MESSAGES}"
 SDK, SDK_LATER = STREAMS[0], MESSAGES

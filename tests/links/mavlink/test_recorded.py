@@ -5,9 +5,9 @@ from collections import Counter
 
 import pytest
 from tests.conftest import shared_folder
-from tests.links.mavlink_vehicle import measured
-from tests.links.recorded import COUNT, counted
-from tests.links.test_mavlink_server import station
+from tests.links.mavlink.recorded import COUNT, counted
+from tests.links.mavlink.test_server import station
+from tests.links.mavlink.vehicle import measured
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 

@@ -1,6 +1,6 @@
 """A vehicle without physics, served as `rovtwin serve` serves one: protocols in a process of their own.
 
-python -m tests.links.fault_vehicle blueye|mavlink TOLD JUMP
+python -m tests.links.faults.vehicle blueye|mavlink TOLD JUMP
 
 Every change of what its thrusters are commanded goes to the file TOLD: time [s, monotonic], then the motion of each
 drone, zeros where it is not armed. The file JUMP holds seconds that its clock is put forward by.
@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from tests.links.blueye_vehicle import readings
-from tests.links.fault_clock import jump_in
+from tests.links.blueye.vehicle import readings
+from tests.links.faults.clock import jump_in
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement

@@ -6,7 +6,7 @@ from unittest.mock import patch
 
 import blueye.protocol as bp
 import numpy as np
-from tests.links.blueye_vehicle import wait_for, wait_for_farewells
+from tests.links.blueye.vehicle import wait_for, wait_for_farewells
 from tests.links.serving import serving
 
 from rovtwin.core.flow import Measurement

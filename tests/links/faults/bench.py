@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tests.links.fault_vehicle import BLUEYE_HOSTS, HTTP, MAVLINK_HOST, TCP, UDP
-from tests.links.wire_faults import Loop, TcpProxy, UdpProxy, Wire
-from tests.links.wire_faults_zmq import ZmqProxy
+from tests.links.faults.vehicle import BLUEYE_HOSTS, HTTP, MAVLINK_HOST, TCP, UDP
+from tests.links.faults.wire import Loop, TcpProxy, UdpProxy, Wire
+from tests.links.faults.wire_zmq import ZmqProxy
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 STREAMS, MESSAGES = ("127.0.0.32", "127.0.0.33"), "127.0.0.34"  # Blueye behind a proxy of TCP, and of messages
 MAVLINK = "127.0.0.41"
 PORTS = (5555, 5556, 5557)
@@ -138,7 +138,7 @@ class Bench:
         """The vehicle's process, started anew when it is gone."""
         if self._vehicle is None or not self._vehicle.alive():
             arguments = [self.kind, str(self.reported), str(self.vehicle_jump)]
-            self._vehicle = self._start("tests.links.fault_vehicle", arguments, {})
+            self._vehicle = self._start("tests.links.faults.vehicle", arguments, {})
             vehicle = self._vehicle
             wait(lambda: vehicle.lines() or not vehicle.alive(), 60.0, "the vehicle is served")
             assert vehicle.alive(), vehicle.output.read_text() + vehicle.errors.read_text()
@@ -153,7 +153,7 @@ class Bench:
         """A pilot; it may not have connected yet."""
         host = where.removeprefix("blueye://").split(",")[0]
         environment = {"http_proxy": f"http://{host}:{HTTP}"} if self.kind == "blueye" else {}
-        return self._start("tests.links.fault_pilot", [kind, where, str(self.clock_jump)], environment)
+        return self._start("tests.links.faults.pilot", [kind, where, str(self.clock_jump)], environment)
 
     @contextmanager
     def flying(self, kind: str, where: str, drones: int = 1) -> Iterator[Process]:

@@ -1,7 +1,7 @@
 """What the script that tries MAVSDK-Python's examples makes of what it sees."""
 
 import pytest
-from tests.links.mavsdk_examples import MARKS, Tried, adapted, judged, table, write
+from tests.links.mavlink.mavsdk_examples import MARKS, Tried, adapted, judged, table, write
 
 TRACE = 'Traceback (most recent call last):\n  File "goto.py", line 1\n{}\n'
 UNKNOWN = "mavsdk.action.ActionError: UNKNOWN: 'Unknown'; origin: takeoff(); params: ()"

@@ -1,7 +1,8 @@
 """What a real BlueROV2's telemetry is made of: messages, rates and a few fields, counted in a .tlog.
 
-`python -m tests.links.recorded TELEMETRY.tlog > tests/links/ardusub_telemetry.json` writes our count. The recording
-itself has no licence to be handed on and stays beside the repository; where the vehicle was is left out.
+`python -m tests.links.mavlink.recorded TELEMETRY.tlog > tests/links/mavlink/ardusub_telemetry.json`
+writes our count. The recording itself has no licence to be handed on and
+stays beside the repository; where the vehicle was is left out.
 """
 
 import json

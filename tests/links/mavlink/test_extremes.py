@@ -4,8 +4,8 @@ import struct
 
 import numpy as np
 import pytest
-from tests.links.mavlink_vehicle import measured, soon
-from tests.links.test_mavlink_server import Client, station
+from tests.links.mavlink.test_server import Client, station
+from tests.links.mavlink.vehicle import measured, soon
 
 from rovtwin.links.mavlink.server import Session
 from rovtwin.links.mavlink.services import conversation

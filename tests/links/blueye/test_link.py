@@ -16,7 +16,7 @@ import blueye.protocol as bp
 import numpy as np
 import pytest
 from blueye.sdk import Drone
-from tests.links.blueye_vehicle import TRUTH, Feeder, wait_for, wait_for_farewells
+from tests.links.blueye.vehicle import TRUTH, Feeder, wait_for, wait_for_farewells
 from tests.links.serving import Served, serving
 
 from rovtwin.core.datum import Datum

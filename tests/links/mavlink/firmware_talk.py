@@ -1,8 +1,8 @@
 """The same questions to an ArduSub and to the served twin, and what each answers.
 
-`python -m tests.links.firmware_talk URL NAME ANSWERS.json` asks the autopilot at a URL in pymavlink's form, of a
-simulated or real vehicle that may arm and move, and adds its answers to the file under a name. Streams are switched off
-first, so that whatever comes after a question is its answer. Only the firmware's ways are kept, not where it is.
+`python -m tests.links.mavlink.firmware_talk URL NAME ANSWERS.json` asks the autopilot at a URL in pymavlink's form, of
+a simulated or real vehicle that may arm and move, and adds its answers to the file under a name. Streams are switched
+off first, so that whatever comes after a question is its answer. Only the firmware's ways are kept, not where it is.
 """
 
 import json
@@ -14,7 +14,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.links.firmware_questions import ARM, GUIDED, IN_GUIDED, MANUAL, MODES, QUESTIONS, SET_MODE, STICKS, long
+from tests.links.mavlink.firmware_questions import (
+    ARM,
+    GUIDED,
+    IN_GUIDED,
+    MANUAL,
+    MODES,
+    QUESTIONS,
+    SET_MODE,
+    STICKS,
+    long,
+)
 
 RECORD = Path(__file__).with_name("ardusub_answers.json")
 WINDOW = 0.4  # an answer comes within this [s]
