@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.dynamics import open_tcp_server, fly, water
+from benchmarks.dynamics import fly, open_tcp_server, water
 from rovtwin.core.numerics import jax, jnp
 
 NONE = "no GPU that JAX sees here"

@@ -74,6 +74,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"driver", "telemetry"},
         {"services"},
         {"link", "server"},
+        {"endpoint"},
     ],
     "links/blueye": [
         {"protobuf", "readings", "wire"},
@@ -82,6 +83,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"services"},
         {"link", "server"},
         {"double"},
+        {"endpoint"},
     ],
     "cli": [
         {"output"},
