@@ -7,7 +7,7 @@ from tests import oracle
 
 from benchmarks import reference
 from benchmarks.timing import in_turns, rates, ratio
-from rovtwin.core.batch import batched
+from rovtwin.core.arrays.batch import batched
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp

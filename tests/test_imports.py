@@ -107,7 +107,12 @@ LAYERS: dict[str, list[set[str]]] = {
 # What may be imported while `rovtwin --help` starts; anything that computes goes inside the command's function.
 PROMPT = {"cli", "__main__", "__init__"}
 LIGHT_LIBRARIES = set(sys.stdlib_module_names) | {"typer", "rich", "click"}
-LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.core.files", "rovtwin.core.jsontext", "rovtwin._version"}
+LIGHT_MODULES = {
+    "rovtwin.core.errors",
+    "rovtwin.core.user_files.files",
+    "rovtwin.core.user_files.jsontext",
+    "rovtwin._version",
+}
 LIGHT_MODULES |= {"rovtwin.links.registry"}  # help names the protocols that it lists
 
 

@@ -18,8 +18,8 @@ from rovtwin.console.planning import MOST
 from rovtwin.console.web import browser, drafting, hub, sockets
 from rovtwin.console.web.app import LARGEST
 from rovtwin.console.wire import Place, encode
-from rovtwin.core import files
 from rovtwin.core.errors import LinkError
+from rovtwin.core.user_files import files
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
 

@@ -7,8 +7,8 @@ from functools import partial
 
 import pytest
 
-from rovtwin.core.aside import Aside
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.core.processes.aside import Aside
 
 
 def doubled(value, say):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.core.batch import batched
+from rovtwin.core.arrays.batch import batched
 from rovtwin.core.numerics import jax, jnp
 
 

@@ -5,8 +5,8 @@ from typing import Literal
 import pytest
 from pydantic import Field
 
-from rovtwin.core.config import Positive, Radians, Strict, Vector3, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import Positive, Radians, Strict, Vector3, parse, parse_yaml, read_yaml
 
 
 class Thruster(Strict):

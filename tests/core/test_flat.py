@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rovtwin.core.flat import Layout, Packer
+from rovtwin.core.arrays.flat import Layout, Packer
 from rovtwin.core.flow import Measurement, Slot, pack
 from rovtwin.core.numerics import jax, jnp
 

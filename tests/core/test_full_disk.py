@@ -10,10 +10,10 @@ from tests.core.damage import write_log
 from tests.core.full_disk import full_at
 
 from rovtwin.core.errors import LogError
-from rovtwin.core.files import cannot, whole, write_text
 from rovtwin.core.log import Channel, Log, LogWriter, export_csv, info, repair
 from rovtwin.core.log.pictures import PictureWriter, read_pictures
 from rovtwin.core.log.salvage import Salvage
+from rovtwin.core.user_files.files import cannot, whole, write_text
 
 CLOCK = Channel("clock", ("k", "noise"), "1", "")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.core.integrate import rk4_step
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
 
 

@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.markers import Layout, Marker, pattern
+from rovtwin.core.user_files.config import parse
 
 
 def marker(**changed):

@@ -3,7 +3,7 @@
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.quantity import DENSITY, LENGTH, MASS, plain, point, positive, quantity
+from rovtwin.core.user_files.quantity import DENSITY, LENGTH, MASS, plain, point, positive, quantity
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from rovtwin.core.quiet import Banner
+from rovtwin.core.processes.quiet import Banner
 
 WORDS = b"""E1125 03:10:00.0 77 slow_operation_alarm.cc:73]
 ********************************

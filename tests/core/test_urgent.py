@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from rovtwin.core.urgent import PRIORITY, settle, start_below, urgent
+from rovtwin.core.processes.urgent import PRIORITY, settle, start_below, urgent
 
 
 def policy():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import MOST_YAML, dump_yaml, parse_yaml, read_yaml
+from rovtwin.core.user_files.yamlfile import MOST_YAML, dump_yaml, parse_yaml, read_yaml
 
 LAUGHS = "\n".join(["a0: &a0 [x, x, x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10))])
 MERGED = "\n".join(

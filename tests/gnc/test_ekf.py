@@ -24,11 +24,11 @@ from tests.gnc.observer_cases import (
     track,
 )
 
+from rovtwin.core.arrays.small_matrices import squared_norm
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Slot
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.core.small_matrices import squared_norm
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.thesis.ekf import Ekf, EkfTuning
 from rovtwin.gnc.thesis.ekf_tuning import STATES

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from tests.gnc.observer_cases import DT, Run, at, double_body
 
+from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.core.small_matrices import product
 from rovtwin.gnc.thesis import ekf_model
 from rovtwin.gnc.thesis.ekf_model import discrete_step, state_jacobian, state_rate
 from rovtwin.vehicle.physics.dynamics import acceleration, plant_step

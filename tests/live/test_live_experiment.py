@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import IdentificationError, LinkError, LinkTimeout
 from rovtwin.core.flow import HOLD, Measurement, Slot
-from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
+from rovtwin.core.user_files.config import parse
+from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.live import flight as live
 from rovtwin.live import readiness

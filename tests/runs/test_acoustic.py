@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import jax
+from rovtwin.core.user_files.config import parse
 from rovtwin.planning.experiments import _scenario
 from rovtwin.planning.records import _signal
 from rovtwin.planning.rehearsal import _exact

@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.cli.flight.runs import _closing_table
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
+from rovtwin.core.user_files.config import parse
 from rovtwin.gnc.experiment import HoldingGains, mixing
 from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.scales import VehicleScales

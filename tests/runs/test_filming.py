@@ -5,11 +5,11 @@ import csv
 import numpy as np
 import pytest
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.log.pictures import read_pictures
 from rovtwin.core.markers import read_layout
+from rovtwin.core.user_files.config import parse
 from rovtwin.demo.camera import film_and_identify
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.positioning.camera_file import read_lens

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.flow import Command
 from rovtwin.core.frames import quaternion_normalise, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.render import render
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import parse
 from rovtwin.simulation.camera.sensor import CameraSection, camera_named, camera_renderer, frames
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict

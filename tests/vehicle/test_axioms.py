@@ -16,6 +16,7 @@ from tests.vehicle.random_vehicles import (
     velocities,
 )
 
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import (
     quaternion_from_euler,
@@ -23,7 +24,6 @@ from rovtwin.core.frames import (
     quaternion_rate,
     rotation_from_quaternion,
 )
-from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle.physics import dynamics
 from rovtwin.vehicle.physics.dynamics import State, acceleration, coriolis_wrench, damping_wrench, rollout

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment, Walls
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import Model, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.analysis.stability import afloat

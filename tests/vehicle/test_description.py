@@ -369,7 +369,7 @@ def accepts(schema, value, root):
 
 @pytest.mark.parametrize("name", list_library())
 def test_the_json_schema_accepts_the_library(name):
-    from rovtwin.core.config import read_yaml
+    from rovtwin.core.user_files.config import read_yaml
     from rovtwin.vehicle.description.files import LIBRARY
 
     schema = vehicle_schema()

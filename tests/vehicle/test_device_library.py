@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.core.config import read_yaml
+from rovtwin.core.user_files.config import read_yaml
 from rovtwin.vehicle import list_devices, list_library, load_vehicle, render, summary, vehicle_from_dict
 from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.analysis.summary import sources

@@ -3,7 +3,7 @@
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.core.user_files.yamlfile import parse_yaml
 from rovtwin.vehicle.outfitting.editing import with_parts, without_part, written
 
 DVL = {"name": "dvl", "part": "dvl_a50", "pose": {"position": [-0.2, 0.0, 0.16]}}

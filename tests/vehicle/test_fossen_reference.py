@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests import oracle
 
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle.physics.dynamics import State, acceleration, rollout
 from rovtwin.vehicle.physics.model import Model, rigid_body_matrix

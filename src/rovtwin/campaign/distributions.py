@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
 from scipy.special import ndtr, ndtri
 
-from rovtwin.core.config import NonNegative, Number, Positive, Strict
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Strict
 
 Scalar = bool | int | float | str
 

@@ -15,10 +15,10 @@ from rovtwin.campaign.samples import scenario_at, tasks
 from rovtwin.campaign.schema import Campaign
 from rovtwin.campaign.store import Store, left_in
 from rovtwin.campaign.workers import Workers
-from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import whole
 from rovtwin.core.numerics import jax
+from rovtwin.core.user_files.config import near
+from rovtwin.core.user_files.files import whole
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.interrupt import Interrupt
 

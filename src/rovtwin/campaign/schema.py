@@ -8,8 +8,8 @@ from pydantic import Field
 
 from rovtwin.campaign.distributions import Distribution, Integers
 from rovtwin.campaign.paths import assign
-from rovtwin.core.config import Strict, parse, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import Strict, parse, read_yaml
 from rovtwin.scenario.files import find_scenario, put, scenario_of
 from rovtwin.scenario.schema import Scenario
 

@@ -18,10 +18,10 @@ import pyarrow.parquet as pq
 from rovtwin._version import __version__
 from rovtwin.campaign.rows import table_schema
 from rovtwin.campaign.schema import Campaign
-from rovtwin.core.config import read_yaml
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import cannot, whole, write_text
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.config import read_yaml
+from rovtwin.core.user_files.files import cannot, whole, write_text
+from rovtwin.core.user_files.yamlfile import dump_yaml
 
 FREE = ("samples", "name", "description", "scatter")  # may change from one session to the next: no draw depends on them
 

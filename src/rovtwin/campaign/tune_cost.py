@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
+from rovtwin.core.user_files.config import near
 from rovtwin.gnc.safety.rules import RULES
 from rovtwin.scenario.schema import ModelBasedSection
 

@@ -17,9 +17,9 @@ import numpy as np
 from rovtwin.campaign.tune_cost import terms_of
 from rovtwin.campaign.tune_plants import Plants
 from rovtwin.core.block import Block
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
+from rovtwin.core.user_files.config import parse
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.runs.batch import flown_together, same_program
 from rovtwin.runs.compose.autopilot import autopilot_of

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovtwin.core.config import near, parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import near, parse
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.vehicle_defaults import with_vehicle_defaults

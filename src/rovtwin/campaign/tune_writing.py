@@ -12,9 +12,9 @@ from rovtwin.campaign.tune_cost import FAILED, TERMS
 from rovtwin.campaign.tune_flights import failures
 from rovtwin.campaign.tune_parameters import Space, value_of
 from rovtwin.campaign.tune_result import Tuned, terms_table
-from rovtwin.core.files import write_text
 from rovtwin.core.numerics import jax
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.report.parts.verdict import Verdict
 from rovtwin.report.studies.tuning import Moved, TuningResult, write_tuning_report
 from rovtwin.runs.compose.composition import vehicle_of

@@ -32,7 +32,7 @@ from rovtwin.cli.studies.tune import tune
 from rovtwin.cli.vehicle.compare import compare
 from rovtwin.cli.vehicle.vehicles import vehicle_app
 from rovtwin.core.errors import RovtwinError
-from rovtwin.core.files import cannot
+from rovtwin.core.user_files.files import cannot
 
 app = typer.Typer(
     name="rovtwin",

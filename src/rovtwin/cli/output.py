@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from rovtwin.core.errors import ConfigError, exists_already
-from rovtwin.core.jsontext import to_json
+from rovtwin.core.user_files.jsontext import to_json
 
 AsJson = Annotated[bool, typer.Option("--json", help="One machine-readable object on standard output.")]
 

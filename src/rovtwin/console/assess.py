@@ -19,7 +19,7 @@ import numpy as np
 from rovtwin.core.errors import LogError, RovtwinError
 from rovtwin.core.log import repair
 from rovtwin.core.log.reader import is_finished
-from rovtwin.core.urgent import start_below
+from rovtwin.core.processes.urgent import start_below
 from rovtwin.identification.checks.check import AXIS_NAMES, check_record
 from rovtwin.identification.checks.findings import RANK, Finding
 from rovtwin.identification.joint.model.couplings import place_of

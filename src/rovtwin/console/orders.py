@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from rovtwin.core.config import NonNegative, Number, Positive, Strict
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Strict
 from rovtwin.scenario.schema.mission import Waypoint
 
 Stick = Annotated[Number, Field(ge=-1, le=1)]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import RovtwinError
-from rovtwin.core.urgent import start_below
+from rovtwin.core.processes.urgent import start_below
 from rovtwin.core.vision import opencv
 from rovtwin.positioning.detection import Detector
 from rovtwin.simulation.scene import Scene

@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import dump_yaml, parse_yaml
+from rovtwin.core.user_files.config import parse
+from rovtwin.core.user_files.yamlfile import dump_yaml, parse_yaml
 from rovtwin.scenario.schema import MissionSection, Waypoint
 
 MOST = 512

@@ -18,7 +18,7 @@ from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Measurement, R
 from rovtwin.core.log import Log
 from rovtwin.core.log.missions import FlownMission, mission_at, missions_of
 from rovtwin.core.log.pictures import Album
-from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.core.user_files.yamlfile import parse_yaml
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.scenario.files import scenario_of
 from rovtwin.scenario.schema import Scenario

@@ -12,9 +12,9 @@ from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
-from rovtwin.core.aside import travels
 from rovtwin.core.errors import RovtwinError
-from rovtwin.core.urgent import start_below
+from rovtwin.core.processes.aside import travels
+from rovtwin.core.processes.urgent import start_below
 
 NICE = 5
 MOST_WAITING = 16  # calls at a time, with the one that is worked on

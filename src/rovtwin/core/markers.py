@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import Degrees, Number, Positive, Strict, Vector3, parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import Degrees, Number, Positive, Strict, Vector3, parse
+from rovtwin.core.user_files.yamlfile import read_yaml
 from rovtwin.core.vision import opencv
-from rovtwin.core.yamlfile import read_yaml
 
 CORNERS = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])  # of unit size, in m
 DICTIONARIES = tuple(f"DICT_{n}X{n}_{k}" for n in (4, 5, 6, 7) for k in (50, 100, 250, 1000))

@@ -38,7 +38,7 @@ import numpy as np  # noqa: E402
 from jax.core import Tracer  # noqa: E402
 from jax.experimental.xla_metadata import set_xla_metadata  # noqa: E402
 
-from rovtwin.core.quiet import Quiet  # noqa: E402
+from rovtwin.core.processes.quiet import Quiet  # noqa: E402
 
 Array = jax.Array
 

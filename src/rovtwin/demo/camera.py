@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import parse
 from rovtwin.core.log.pictures import read_pictures
+from rovtwin.core.user_files.config import parse
 from rovtwin.core.vision import opencv
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records

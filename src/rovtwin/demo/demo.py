@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.core.aside import Aside
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import FINISHED
 from rovtwin.core.log import Log
+from rovtwin.core.processes.aside import Aside
 from rovtwin.demo.camera import film_and_identify
 from rovtwin.demo.payload import Refitted, refit_and_identify
 from rovtwin.report import write_comparison

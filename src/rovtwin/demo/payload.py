@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import parse
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.config import parse
+from rovtwin.core.user_files.files import write_text
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.joint.result.overlay import to_yaml
 from rovtwin.identification.logs.readers import read_records

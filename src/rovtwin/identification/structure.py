@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.diagnostics.validation import Prediction, judged
 from rovtwin.identification.joint.model.catalogue import with_inflow
 from rovtwin.identification.joint.model.couplings import place_of

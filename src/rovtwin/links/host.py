@@ -25,7 +25,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE, Link
-from rovtwin.core.urgent import settle, urgent
+from rovtwin.core.processes.urgent import settle, urgent
 
 logger = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
-from rovtwin.core.urgent import settle, urgent
+from rovtwin.core.processes.urgent import settle, urgent
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server
 from rovtwin.links.served_vehicle import ServedVehicle

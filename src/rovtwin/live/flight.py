@@ -9,14 +9,14 @@ import numpy as np
 
 from rovtwin.core.datum import utc_now
 from rovtwin.core.errors import LinkError
-from rovtwin.core.files import write_text
 from rovtwin.core.flow import ENDS, PAUSED, PHASES, Command, Slot
-from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.log.files import keeping
 from rovtwin.core.numerics import jax
-from rovtwin.core.urgent import settle, urgent
+from rovtwin.core.processes.urgent import settle, urgent
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.links.replay import ReplayLink
 from rovtwin.live.beside import changed, monitor_of
 from rovtwin.live.manoeuvres import Cue, Prompter, touched_spans

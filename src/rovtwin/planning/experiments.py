@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError, IdentificationError
-from rovtwin.core.files import write_text
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.config import parse
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.experiment import mixing
 from rovtwin.gnc.safety.rules import RULES
 from rovtwin.gnc.scales import VehicleScales

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.batch import batched
+from rovtwin.core.arrays.batch import batched
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import ABORTED, REASONS, Slot
 from rovtwin.core.log import Log

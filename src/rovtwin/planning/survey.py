@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.core.config import parse
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import write_text
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.config import parse
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.planning.survey_request import SurveyRequest, refuse_doubles
 from rovtwin.report.plans.survey import SurveyPicture, draw_survey

@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import model_validator
 
-from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import near, parse, read_yaml
 from rovtwin.vehicle.description.cameras import Camera, cameras_of, lens_of
 from rovtwin.vehicle.description.schema import Camera as CameraSchema
 from rovtwin.vehicle.description.vehicle import Vehicle

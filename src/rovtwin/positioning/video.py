@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import read_text
 from rovtwin.core.log.pictures import read_pictures
+from rovtwin.core.user_files.files import read_text
 from rovtwin.core.vision import opencv
 
 FILMS = (".mp4", ".avi", ".mov", ".mkv", ".m4v")

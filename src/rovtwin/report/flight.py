@@ -13,7 +13,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
 from rovtwin.core.log.missions import FlownMission, missions_of, point_name
-from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.core.user_files.yamlfile import parse_yaml
 from rovtwin.report.series import at, sensor_values, wrapped
 
 POSES = ("x", "y", "z", "phi", "theta", "psi")

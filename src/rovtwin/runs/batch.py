@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.flat import Layout
+from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.runs.compose.composition import Simulation, compose
 from rovtwin.runs.feasibility.mission import require_feasible

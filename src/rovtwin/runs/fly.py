@@ -12,9 +12,7 @@ import numpy as np
 
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError, exists_already
-from rovtwin.core.files import write_text
 from rovtwin.core.flow import PHASES
-from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Channel, Log, LogWriter
 from rovtwin.core.log.files import keeping
 from rovtwin.core.notebook import html_table

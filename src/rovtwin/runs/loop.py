@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.batch import batched
+from rovtwin.core.arrays.batch import batched
+from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flat import Layout
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
 from rovtwin.core.numerics import Array, in_one_piece, jax, jit_once, jnp
 from rovtwin.simulation.battery import BatteryState

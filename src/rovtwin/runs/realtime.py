@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.flat import Layout, Packer
 from rovtwin.core.block import Block
-from rovtwin.core.flat import Layout, Packer
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, in_one_piece, jax, jnp
 

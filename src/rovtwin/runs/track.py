@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.markers import Layout, read_layout
+from rovtwin.core.user_files.config import parse
 from rovtwin.positioning.camera_file import choose, read_lens
 from rovtwin.positioning.detection import Detector
 from rovtwin.positioning.ekf_tuning import SlamTuning

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 _MARK = ".unfinished"
 

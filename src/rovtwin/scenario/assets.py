@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import write_bytes, write_text
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.files import write_bytes, write_text
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.simulation.camera.sensor import CameraSection
 from rovtwin.simulation.scene import is_scene_file, load_scene
 from rovtwin.vehicle.description.files import with_meshes

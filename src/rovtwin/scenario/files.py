@@ -6,10 +6,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS, kind_of
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.config import Strict, near, parse, parse_yaml, read_yaml
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.scenario.assets import found_beside
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 

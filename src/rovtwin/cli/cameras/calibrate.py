@@ -7,7 +7,7 @@ import typer
 
 from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.positioning.calibration import Calibration
@@ -32,8 +32,8 @@ def calibrate(
 
     Example: [bold]rovtwin calibrate images/*.png --board 9x6 --square 25mm -o camera.yaml[/bold]
     """
-    from rovtwin.core.quantity import LENGTH, positive
-    from rovtwin.core.yamlfile import dump_yaml
+    from rovtwin.core.user_files.quantity import LENGTH, positive
+    from rovtwin.core.user_files.yamlfile import dump_yaml
     from rovtwin.positioning.calibration import calibrate
     from rovtwin.positioning.camera_file import as_data
 

@@ -23,7 +23,7 @@ def markers(
 
     Print at 100 % ("actual size"), measure the ruler, cut along the marks: the white rim belongs to the marker.
     """
-    from rovtwin.core.quantity import LENGTH, positive
+    from rovtwin.core.user_files.quantity import LENGTH, positive
     from rovtwin.report.cameras.markers import numbers, write_markers
 
     side = positive(size, LENGTH, "--size")

@@ -68,7 +68,7 @@ def track(
 
     For any recording: [bold]rovtwin track log.mcap --video port.mp4 --camera port --lens camera.yaml[/bold]
     """
-    from rovtwin.core.quantity import LENGTH, point, positive
+    from rovtwin.core.user_files.quantity import LENGTH, point, positive
     from rovtwin.positioning.track import METHODS
     from rovtwin.runs.track import TrackOptions, track_run
     from rovtwin.vehicle import load_vehicle

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the block `hydrodynamics:` of a vehicle file.")
@@ -85,7 +85,7 @@ def three(text: str, where: str, square: bool = False) -> Any:
     import numpy as np
 
     from rovtwin.core.errors import ConfigError
-    from rovtwin.core.quantity import LENGTH, Kind, positive
+    from rovtwin.core.user_files.quantity import LENGTH, Kind, positive
 
     area = Kind("an area", "m2", {"m2": 1.0, "cm2": 1e-4, "mm2": 1e-6}, "0.174")
     words = text.split(",")

@@ -8,7 +8,7 @@ import typer
 from rovtwin.cli.evidence.towing import fit_data, fit_table, print_notes, save_figure
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.identification.logs.record import Record

@@ -9,7 +9,7 @@ import typer
 
 from rovtwin.cli.evidence.empirical import Density, Out, block, finish, own_values, plain, print_priors
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, refuse_idle, table
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 Length = str | None
 
@@ -50,7 +50,7 @@ def panel(
 
         rovtwin evidence panel hull.stl --scale 0.001 --frame x,-y,-z -o hull.yaml
     """
-    from rovtwin.core.quantity import LENGTH, positive, quantity
+    from rovtwin.core.user_files.quantity import LENGTH, positive, quantity
     from rovtwin.identification.priors.panel import panel_added_mass
     from rovtwin.identification.priors.widths import openness_of
     from rovtwin.vehicle.description.water import density_of

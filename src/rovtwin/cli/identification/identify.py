@@ -11,7 +11,7 @@ from rich.console import Console
 
 from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, refuse_idle, table
 from rovtwin.core.errors import ConfigError, IdentificationError
-from rovtwin.core.files import whole
+from rovtwin.core.user_files.files import whole
 
 if TYPE_CHECKING:
     from rovtwin.identification.identify import Identification

@@ -164,7 +164,7 @@ def _trusted(records: list["Record"], names: Sequence[str]) -> set[str]:
     Raises:
         ConfigError: One means none of them.
     """
-    from rovtwin.core.config import near
+    from rovtwin.core.user_files.config import near
 
     spelled: dict[str, set[str]] = {}
     for record in records:

@@ -8,7 +8,7 @@ import typer
 
 from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.vehicle.outfitting.ballast import Piece
@@ -48,7 +48,7 @@ def add(
     A file of your own keeps its comments; a vehicle of the library, or a file with totals of the whole (hydrodynamics,
     restoring, rigid_body), is held as a part beside the device.
     """
-    from rovtwin.core.quantity import point
+    from rovtwin.core.user_files.quantity import point
     from rovtwin.vehicle.outfitting.refit import add as refit
 
     _check_out(out, overwrite)
@@ -114,7 +114,7 @@ def diff(
 
 def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
     """Net buoyancy that is asked for [N]; None: that of before."""
-    from rovtwin.core.quantity import quantity
+    from rovtwin.core.user_files.quantity import quantity
     from rovtwin.vehicle.outfitting.ballast import LIFT
 
     if text is not None and not ballast:

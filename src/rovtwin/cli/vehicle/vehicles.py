@@ -9,7 +9,7 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit
 from rovtwin.cli.vehicle.changes import add, diff, remove
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 vehicle_app = typer.Typer(
     no_args_is_help=True,
@@ -115,7 +115,7 @@ def ballast(
 
     For example: rovtwin vehicle ballast my.yaml --buoyancy 2N --level --bg 20mm -o ballasted.yaml
     """
-    from rovtwin.core.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
+    from rovtwin.core.user_files.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
     from rovtwin.vehicle.analysis.tables import ballast_tables
     from rovtwin.vehicle.description.water import density_of
     from rovtwin.vehicle.outfitting.ballast import LIFT, BallastTarget

@@ -23,7 +23,7 @@ from rovtwin.console.engine.ticker import Ticker
 from rovtwin.console.engine.vehicle_session import EngineConfig, SessionBuilder, VehicleSession
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
-from rovtwin.core.urgent import urgent
+from rovtwin.core.processes.urgent import urgent
 from rovtwin.runs.realtime import NO_PILOT_COMMAND
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 

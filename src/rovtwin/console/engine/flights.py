@@ -11,12 +11,12 @@ import numpy as np
 from rovtwin.console.engine.steering import Steering
 from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.core.datum import utc_now
-from rovtwin.core.files import write_text
 from rovtwin.core.flow import FINISHED, PHASES, Measurements, Slot
-from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
 from rovtwin.core.log.files import keeping
 from rovtwin.core.log.missions import FlownMission, mission_metadata, no_mission_yet
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.live.beside import changed
 from rovtwin.live.flight import metadata_of, write_scenario
 from rovtwin.live.recorder import LiveRecorder, live_channels, live_figures

@@ -15,7 +15,7 @@ from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
-from rovtwin.core.urgent import settle
+from rovtwin.core.processes.urgent import settle
 from rovtwin.links.remote_link import CONNECTING, RemoteLink
 from rovtwin.live.connect import opener, source
 from rovtwin.live.flight import needed_by

@@ -12,8 +12,8 @@ from rovtwin.console.planning import MOST, rows_of, square, waypoint_of
 from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
-from rovtwin.core.files import MOST_UPLOAD
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.files import MOST_UPLOAD
+from rovtwin.core.user_files.yamlfile import dump_yaml
 
 if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub

@@ -19,7 +19,7 @@ from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.wire import Place, decode, encode
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
-from rovtwin.core.files import MOST_UPLOAD
+from rovtwin.core.user_files.files import MOST_UPLOAD
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.fitting import own_values
 from rovtwin.runs.limits import Limits

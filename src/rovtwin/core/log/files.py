@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rovtwin.core.errors import LogError, exists_already
-from rovtwin.core.files import FULL, whole
+from rovtwin.core.user_files.files import FULL, whole
 
 _FIXES = {
     errno.ENOENT: "Create the folder first",

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.extras import require
-from rovtwin.core.files import checked
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
 from rovtwin.core.log.writer import FORMAT, METADATA_NAME, LogWriter, text_metadata
+from rovtwin.core.user_files.files import checked
 
 if TYPE_CHECKING:
     import pandas

@@ -1,9 +1,9 @@
 """The filter's state as others use it: pose in Euler angles, velocity, disturbance, covariance, motion of the waves."""
 
+from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import cross, euler_from_quaternion, euler_rate_matrix, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.core.small_matrices import product
 from rovtwin.gnc.navigation import prediction as motion
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,

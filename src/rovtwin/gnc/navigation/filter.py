@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import equinox as eqx
 
+from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate, Measurements, Slot
 from rovtwin.core.frames import rotation_from_quaternion, skew
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import kind_of
-from rovtwin.core.small_matrices import product, squared_norm
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation import prediction as motion

@@ -5,6 +5,7 @@ Readings of a tick are averaged; each is compared with the state when it was tak
 
 import equinox as eqx
 
+from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import (
     cross,
@@ -16,7 +17,6 @@ from rovtwin.core.frames import (
     skew,
 )
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.core.small_matrices import product
 from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation.prediction import Acceleration, side_by_side
 from rovtwin.gnc.navigation.state import (

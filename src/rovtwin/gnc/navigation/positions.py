@@ -8,9 +8,9 @@ few of them the filter's own position is opened again, so that it cannot lock it
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.core.small_matrices import product, squared_norm
 from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation.measurements import Innovation

@@ -20,6 +20,7 @@ models), ch. 13 (wave filtering); Bar-Shalom, Li and Kirubarajan (2001), sec. 8.
 
 import equinox as eqx
 
+from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import (
     cross,
     quaternion_multiply,
@@ -28,7 +29,6 @@ from rovtwin.core.frames import (
     skew,
 )
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.core.small_matrices import product
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
     ATTITUDE,

@@ -17,12 +17,12 @@ and Navigation, sec. 5.2.3 (Joseph form), 5.4 (consistency), ch. 7 (measurements
 
 import equinox as eqx
 
+from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate, Slot
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import kind_of
-from rovtwin.core.small_matrices import product, squared_norm
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.thesis.ekf_model import discrete_step, state_rate

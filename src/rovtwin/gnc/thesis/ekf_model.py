@@ -14,9 +14,9 @@ Euler angles, as in the thesis: singular at theta = +-90 deg, which the supervis
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2, 6 and 8.
 """
 
+from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import cross, euler_rate_matrix, rotation_from_euler, skew
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.core.small_matrices import product
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.physics.model import Model
 

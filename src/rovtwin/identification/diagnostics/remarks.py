@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.quantity import plain
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.identification.diagnostics.validation import Prediction, judged
 from rovtwin.identification.diagnostics.verdict import COARSE, scale_width
 from rovtwin.identification.diagnostics.whiteness import Residuals

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import NonNegative, Number, Positive, Share, Strict, Vector3, parse, read_yaml
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Share, Strict, Vector3, parse, read_yaml
 from rovtwin.identification.logs.log_spec import Clock, CommandSpec, Estimate, Format, SignalSpec, SourceSpec
 
 Use = Literal["fit", "validate"]

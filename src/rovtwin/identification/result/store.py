@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError, RovtwinError
-from rovtwin.core.files import write_bytes
 from rovtwin.core.log.files import atomic, write_error
+from rovtwin.core.user_files.config import near
+from rovtwin.core.user_files.files import write_bytes
 from rovtwin.identification.result.packing import Packed, packed, unpacked
 
 if TYPE_CHECKING:

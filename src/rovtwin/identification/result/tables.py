@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.joint.model.couplings import place_of
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from rovtwin.core import files as given
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.user_files import files as given
 from rovtwin.identification.correlated import correlated
 from rovtwin.vehicle.description.thrust_curve import KGF, read_bollard_csv
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core import files as given
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files import files as given
+from rovtwin.core.user_files.config import near
 
 UNITS = {"t": ("s",), "speed": ("m/s", "rad/s"), "force": ("N", "Nm", "N m")}
 NAMES = {"t": ("t", "time"), "speed": ("speed", "velocity", "v", "u"), "force": ("force", "drag", "f")}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import parse_yaml
+from rovtwin.core.user_files.config import parse_yaml
 
 
 @dataclass(frozen=True)

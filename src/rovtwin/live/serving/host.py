@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rovtwin.core.flat import Layout
+from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp

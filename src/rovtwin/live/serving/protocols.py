@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import read_yaml
+from rovtwin.core.user_files.yamlfile import read_yaml
 from rovtwin.links import registry
 from rovtwin.links.endpoint import Endpoint, ServeContext, Where
 from rovtwin.links.server import Server

@@ -11,7 +11,7 @@ from rovtwin.core.frames import readings_in_body
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, as_array
 from rovtwin.core.sensors import kind_of
-from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.core.user_files.yamlfile import parse_yaml
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.replay import readings_of
 from rovtwin.live.serving.vehicle import OF_A_DRONE, drones_of

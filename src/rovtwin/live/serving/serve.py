@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rovtwin.core.flow import Measurement
-from rovtwin.core.urgent import settle, urgent
+from rovtwin.core.processes.urgent import settle, urgent
 from rovtwin.links.protocol_process import Protocols
 from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.server import Server

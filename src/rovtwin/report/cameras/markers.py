@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.markers import DICTIONARIES, pattern
-from rovtwin.core.yamlfile import near
+from rovtwin.core.user_files.yamlfile import near
 
 PAGES = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "letter": (0.2159, 0.2794)}  # width, height [m]
 _EDGE = 0.0045  # that printers leave white [m]

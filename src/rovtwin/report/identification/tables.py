@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.quantity import plain
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.report.identification.test_figures import component_name, how, scaled, unit_of
 from rovtwin.report.identification.words import excitation, in_families, is_coupling, naive
 from rovtwin.report.parts.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves

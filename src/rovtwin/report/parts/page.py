@@ -10,7 +10,7 @@ import jinja2
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rovtwin.core.files import write_text
+from rovtwin.core.user_files.files import write_text
 
 DPI = 150
 _TEMPLATES = Path(__file__).with_name("templates")

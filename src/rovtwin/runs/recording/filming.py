@@ -12,11 +12,11 @@ import numpy as np
 from PIL import Image
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import write_text
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.log.pictures import PictureWriter
 from rovtwin.core.numerics import jax
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.positioning.camera_file import as_data
 from rovtwin.runs.loop import Record
 from rovtwin.runs.track import LAYOUT

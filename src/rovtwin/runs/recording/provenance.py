@@ -10,8 +10,8 @@ import numpy as np
 
 from rovtwin._version import __version__
 from rovtwin.core.datum import METADATA_KEY
-from rovtwin.core.jsontext import to_json
 from rovtwin.core.numerics import jax
+from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.runs.compose.composition import Simulation
 from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.runs.vehicle_defaults import with_vehicle_defaults

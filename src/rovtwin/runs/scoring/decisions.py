@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
-from rovtwin.core.quantity import plain
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.runs.scoring.headings import reason_for, unmet_headings
 from rovtwin.runs.scoring.scores import Flown
 from rovtwin.runs.scoring.stalls import cause, stalls

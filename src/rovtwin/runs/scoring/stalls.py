@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
-from rovtwin.core.quantity import plain
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.runs.feasibility.mission import baseline_of_another
 from rovtwin.runs.limits import Limits, compass_point
 from rovtwin.runs.scoring.pushes import FELT, disturbance, explained, lifted, pushed

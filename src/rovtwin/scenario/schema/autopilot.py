@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from rovtwin.core.config import NonNegative, Number, Positive, Strict
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Strict
 from rovtwin.scenario.schema.own_block import OwnBlock, by_short_form
 from rovtwin.scenario.schema.supervisor import SupervisorSection
 

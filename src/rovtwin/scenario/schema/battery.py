@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from rovtwin.core.config import Share, Strict
+from rovtwin.core.user_files.config import Share, Strict
 
 
 class BatterySection(Strict):

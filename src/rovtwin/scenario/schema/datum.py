@@ -4,9 +4,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from rovtwin.core.config import Number, Strict
 from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, utc_text
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import Number, Strict
 
 _DEFAULT = Datum()
 

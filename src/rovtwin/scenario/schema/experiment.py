@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Strict
+from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Strict
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]

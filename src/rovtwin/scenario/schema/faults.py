@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import NonNegative, Number, Positive, Share, Strict
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Share, Strict
 
 _Kind = Literal[
     "dead",

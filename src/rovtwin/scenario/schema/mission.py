@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Strict, Vector3
 from rovtwin.core.datum import Datum
+from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Strict, Vector3
 from rovtwin.scenario.schema.datum import on_earth
 
 

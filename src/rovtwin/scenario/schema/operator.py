@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import NonNegative, Number, Strict, Vector3
+from rovtwin.core.user_files.config import NonNegative, Number, Strict, Vector3
 
 
 class RequestSection(Strict):

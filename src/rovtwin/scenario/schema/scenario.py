@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
 
-from rovtwin.core.config import Number, Strict
 from rovtwin.core.datum import Datum
+from rovtwin.core.user_files.config import Number, Strict
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection, ModelBasedSection
 from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near

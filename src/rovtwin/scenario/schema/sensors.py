@@ -4,9 +4,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.core.sensors import ESSENTIAL, SENSORS, kind_of
-from rovtwin.core.yamlfile import near
+from rovtwin.core.user_files.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.user_files.yamlfile import near
 
 Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from rovtwin.core.config import NonNegative, Number, Positive, Share, Strict
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Share, Strict
 from rovtwin.gnc.safety.rules import RULES
 
 Action = Literal["ignore", "hold", "return", "surface", "stop"]

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from rovtwin.core.config import Number, Positive, Strict, Vector3
+from rovtwin.core.user_files.config import Number, Positive, Strict, Vector3
 
 
 class TetherSection(Strict):

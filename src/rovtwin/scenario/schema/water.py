@@ -4,8 +4,8 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import Number, Strict
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import Number, Strict
 from rovtwin.vehicle.description.water import check_density, density, water_in_words
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.scenario.schema.own_block import OwnBlock, by_short_form
 from rovtwin.scenario.schema.tether import TethersSection
 from rovtwin.scenario.schema.water import WaterSection

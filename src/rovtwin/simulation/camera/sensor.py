@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from rovtwin.core.config import NonNegative, Number, Positive, Share, Strict
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import near
+from rovtwin.core.user_files.config import NonNegative, Number, Positive, Share, Strict
+from rovtwin.core.user_files.yamlfile import near
 from rovtwin.simulation.camera.renderer import Renderer
 from rovtwin.simulation.scene.scene import Scene
 from rovtwin.vehicle.description.cameras import Camera, cameras_of

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.markers import Layout, Marker, pattern
+from rovtwin.core.user_files.config import near, parse, read_yaml
 from rovtwin.simulation.scene import schema
 from rovtwin.simulation.scene.shapes import cylinder, mesh_from_file, seabed, wreck
 from rovtwin.simulation.scene.surfaces import QUIET, SIDES, Material, Mesh, Rectangle, rectangle, side

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.core.markers import DICTIONARIES, Marker
+from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.vehicle.description.fields import Colour
 from rovtwin.vehicle.description.schema import Cylinder, Pose
 

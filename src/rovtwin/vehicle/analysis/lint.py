@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core.quantity import plain
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.vehicle.analysis.overlap import overlaps
 from rovtwin.vehicle.analysis.slips import doubted_units, slips
 from rovtwin.vehicle.analysis.stability import (

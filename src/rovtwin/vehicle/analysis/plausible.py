@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rovtwin.core.quantity import plain
 from rovtwin.core.sensors import SENSORS
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.vehicle.analysis.stability import reach, steady_speed
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.description.instruments import instruments

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rovtwin.core.quantity import plain
+from rovtwin.core.user_files.quantity import plain
 from rovtwin.vehicle.analysis.plausible import Slip, implausible
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.description.added_mass import Solid

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import near
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.description import schema
 from rovtwin.vehicle.description.added_mass import Solid, added_mass, move_matrix

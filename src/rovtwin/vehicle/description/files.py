@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import near, parse, read_yaml
 from rovtwin.vehicle.description.schema import Body, Part, VehicleFile
 from rovtwin.vehicle.description.thrust_curve import read_bollard_csv, read_points
 from rovtwin.vehicle.solids.mesh_solid import mesh_solid

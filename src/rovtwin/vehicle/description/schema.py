@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.core.sensors import SENSORS
+from rovtwin.core.user_files.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.vehicle.description.fields import Buoyancy, Coefficients, Colour, Direction, Force, Inertia, LogName, Table
 
 Source = Annotated[str | None, Field(description="where the values of this block come from")]

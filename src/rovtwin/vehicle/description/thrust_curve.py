@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core import files as given
-from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files import files as given
+from rovtwin.core.user_files.config import near
 
 KGF = 9.80665  # [N]
 PWM_NEUTRAL, PWM_RANGE = 1500.0, 400.0

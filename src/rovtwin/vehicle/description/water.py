@@ -8,7 +8,7 @@ Reference: IOC, SCOR and IAPSO (2010), The international thermodynamic equation 
 import re
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.quantity import DENSITY, quantity
+from rovtwin.core.user_files.quantity import DENSITY, quantity
 
 NAMED = {"fresh": 1000.0, "sea": 1025.0}  # [kg/m3]
 LIGHTEST, HEAVIEST = 900.0, 1100.0  # what can be meant by a density of water [kg/m3]

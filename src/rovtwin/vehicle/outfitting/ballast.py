@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.quantity import Kind
+from rovtwin.core.user_files.quantity import Kind
 from rovtwin.vehicle.analysis.hydrostatics import Floating, floating, floating_of
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.description.assembly import Assembly

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError, exists_already
-from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.vehicle.analysis.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.analysis.hydrostatics import floating_of
 from rovtwin.vehicle.description import files

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import near, parse_yaml
+from rovtwin.core.user_files.yamlfile import near, parse_yaml
 
 _TEXT = "tag:yaml.org,2002:str"
 

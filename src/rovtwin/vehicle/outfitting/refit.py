@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import parse_yaml, read_yaml
+from rovtwin.core.user_files.yamlfile import parse_yaml, read_yaml
 from rovtwin.vehicle.analysis.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.analysis.hydrostatics import floating_of
 from rovtwin.vehicle.analysis.overlap import overlaps

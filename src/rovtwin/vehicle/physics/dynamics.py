@@ -24,10 +24,10 @@ from dataclasses import replace
 
 import equinox as eqx
 
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.physics.boundaries import surroundings_wrench
 from rovtwin.vehicle.physics.discrepancy import discrepancy_wrench

@@ -6,9 +6,9 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jnp
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.joint.model.couplings import bound_of, shares
 from rovtwin.identification.joint.model.groups import thruster_groups
 from rovtwin.identification.joint.model.parameters import (

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.joint.model.couplings import BOTH_WAYS, SKEW
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.model.parameters import INFLOW, Parameters

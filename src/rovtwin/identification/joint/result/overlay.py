@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rovtwin.core.yamlfile import Dumper
+from rovtwin.core.user_files.yamlfile import Dumper
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.model.parameters import Parameters
 from rovtwin.vehicle import Vehicle

@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rovtwin.core.config import Number, Positive, Strict, parse
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.user_files.config import Number, Positive, Strict, parse
 from rovtwin.identification.joint.model.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.solver.problem import Static
 from rovtwin.vehicle.physics.dynamics import damping_wrench, learned_wrench

@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from rovtwin.core.config import NonNegative, Positive, Strict, near, parse
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files.config import NonNegative, Positive, Strict, near, parse
 from rovtwin.identification.joint.model.groups import thruster_groups
 from rovtwin.identification.joint.solver.segments import Grid
 from rovtwin.vehicle import Vehicle

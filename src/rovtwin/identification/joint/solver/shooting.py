@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.frames import quaternion_normalise, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.model.loads import WRENCH, accelerated, thrust_history
 from rovtwin.identification.joint.model.nodes import FADES, NODE, Nodes, difference, moved

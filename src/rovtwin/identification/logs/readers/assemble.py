@@ -5,8 +5,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec, SourceSpec, factor
 from rovtwin.identification.logs.readers import convert
 from rovtwin.identification.logs.readers.raw import Raw, Table

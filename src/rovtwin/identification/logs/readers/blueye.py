@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
+from rovtwin.core.user_files import files as given
 from rovtwin.identification.logs.log_spec import SignalSpec
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.readers.qtm import MATRIX, PLACE, pose_signals
 from rovtwin.identification.logs.readers.raw import Raw, Table
 

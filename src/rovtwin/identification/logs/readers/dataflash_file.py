@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files import files as given
 
 HEADER, FMT = b"\xa3\x95", 128
 _FMT = struct.Struct("<BB4s16s64s")

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.identification.logs.readers.tables import read_text
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.log_spec import Column, CommandSpec, SignalSpec
 from rovtwin.identification.logs.readers.clocks import increasing
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rovtwin.core.config import near
+from rovtwin.core.user_files.config import near
 from rovtwin.core.errors import IdentificationError, RovtwinError
 from rovtwin.core.plugins import READERS, installed, load
 from rovtwin.identification.logs.evidence_file import Evidence, LogSpec, Use

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.user_files import files as given
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
 from rovtwin.identification.logs.readers.clocks import clocks
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec

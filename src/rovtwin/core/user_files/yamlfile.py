@@ -11,7 +11,7 @@ import yaml
 from yaml.composer import ComposerError
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.files import read_text
+from rovtwin.core.user_files.files import read_text
 
 
 def near(name: object, names: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import counted, kind_in_words, near, parse_yaml, read_yaml
+from rovtwin.core.user_files.yamlfile import counted, kind_in_words, near, parse_yaml, read_yaml
 
 
 class Strict(BaseModel):

@@ -1,0 +1,1 @@
+"""Arrays: batches, pytrees as one vector, integration, small matrices."""

@@ -1,0 +1,1 @@
+"""Processes: work beside, priority, and what XLA prints kept off the terminal."""
