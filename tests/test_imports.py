@@ -46,6 +46,13 @@ EVERYWHERE = {"_version"}
 WHERE_RULES_ARE = "RULES in tests/test_imports.py"
 # Rooms and modules inside a package, the lowest first: each imports its own line and the lines above it.
 LAYERS: dict[str, list[set[str]]] = {
+    "core": [
+        {"errors", "sensors"},
+        {"datum", "extras", "plugins", "processes", "user_files", "vision"},
+        {"log", "markers", "numerics"},
+        {"block", "flow", "frames"},
+        {"arrays", "link"},
+    ],
     "vehicle": [{"constants", "solids"}, {"physics"}, {"description"}, {"analysis"}, {"outfitting"}],
     "gnc": [
         {"guard", "interfaces", "mounting", "scales"},
