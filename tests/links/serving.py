@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 from rovtwin.core.flow import Measurement
 from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.server import Server
 from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.server import Server
 
 
 class Served:

@@ -3,9 +3,8 @@
 import re
 from typing import Any
 
-from rovtwin.core.user_files.config import kind_in_words, near
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.user_files.config import near, said_kind
+from rovtwin.core.user_files.config import kind_in_words, near
 from rovtwin.scenario.schema import Waypoint
 
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+|\*)\]")

@@ -18,8 +18,8 @@ from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.core.processes.urgent import settle, urgent
 from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.server import Server
 from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.server import Server
 
 PILOT_COMMAND_LIFE = COMMAND_LIFE  # a command older than this counts no more [s]
 GONE = "it ended, or was killed; thrusters are off"

@@ -12,10 +12,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from rovtwin.core.user_files import files as given
-from rovtwin.core.user_files.config import Number, Strict, parse
 from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, coordinates_text
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files import files as given
+from rovtwin.core.user_files.config import Number, Strict, parse
 from rovtwin.core.user_files.yamlfile import kind_in_words, read_yaml
 from rovtwin.survey.library import shapely_library
 

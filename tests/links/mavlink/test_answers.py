@@ -8,7 +8,7 @@ import pytest
 from tests.links.mavlink.test_server import Client, station
 from tests.links.mavlink.vehicle import PLACE, measured, soon
 
-from rovtwin.links.mavlink.telemetry.streams.streams import RATES
+from rovtwin.links.mavlink.telemetry.streams import RATES
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink import mavutil

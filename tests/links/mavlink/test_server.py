@@ -16,8 +16,8 @@ from tests.links.serving import serving
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.server import MavlinkServer
-from rovtwin.links.mavlink.services.other_requests.peers import MOST, SILENT, Peer, Peers
-from rovtwin.links.mavlink.telemetry.streams.streams import ON_REQUEST, RATES
+from rovtwin.links.mavlink.services.peers import MOST, SILENT, Peer, Peers
+from rovtwin.links.mavlink.telemetry.streams import ON_REQUEST, RATES
 from rovtwin.links.served_vehicle import ServedVehicle
 from rovtwin.links.server import require_loopback
 

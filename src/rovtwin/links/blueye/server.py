@@ -10,18 +10,18 @@ from typing import Any
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
-from rovtwin.links.blueye.drone.drone.drone.divelog import DiveLog
-from rovtwin.links.blueye.drone.drone.drone.drone import FASTEST, About, Drone
-from rovtwin.links.blueye.drone.drone.drone.telemetry import Telemetry
-from rovtwin.links.blueye.mission.supervisor.supervisor.notes import INFO
+from rovtwin.links.blueye.drone.divelog import DiveLog
+from rovtwin.links.blueye.drone.drone import FASTEST, About, Drone
+from rovtwin.links.blueye.drone.telemetry import Telemetry
+from rovtwin.links.blueye.mission.notes import INFO
 from rovtwin.links.blueye.protobuf import PACKAGE
 from rovtwin.links.blueye.services.answers import answer
 from rovtwin.links.blueye.services.http import HttpServer
 from rovtwin.links.blueye.services.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.wire import Ignored, Watchdog, parse_control
 from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.server import Server
 from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.server import Server
 
 FIRST = 2  # of 127.0.0.x, which the drones get unless set otherwise
 REPEAT = 0.05  # a command is repeated so often while the pilot lives [s]

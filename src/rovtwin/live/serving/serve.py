@@ -9,8 +9,8 @@ from typing import Protocol
 
 from rovtwin.core.flow import Measurement
 from rovtwin.core.processes.urgent import settle, urgent
-from rovtwin.links.protocol_process import Protocols
 from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.protocol_process import Protocols
 from rovtwin.links.server import Server
 from rovtwin.live.serving.truth_log import truth_log
 from rovtwin.runs.interrupt import Interrupt

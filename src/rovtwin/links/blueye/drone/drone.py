@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.drone.clients import Clients
-from rovtwin.links.blueye.mission.supervisor import READY, RUNNING, Here, Supervisor
 from rovtwin.links.blueye.mission.notes import ABORTED_NOW, UNSPECIFIED, WARNING, Note
+from rovtwin.links.blueye.mission.supervisor import READY, RUNNING, Here, Supervisor
 from rovtwin.links.pilot_command import PilotCommand
 
 FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
