@@ -92,6 +92,15 @@ LAYERS: dict[str, list[set[str]]] = {
         {"double"},
         {"endpoint"},
     ],
+    "campaign": [
+        {"distributions", "packages", "paths", "tuning"},
+        {"schema"},
+        {"replay", "rows", "samples"},
+        {"flying", "store", "summary"},
+        {"workers"},
+        {"run"},
+        {"reporting"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

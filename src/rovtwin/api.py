@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray
 
     from rovtwin.campaign.run import Session
-    from rovtwin.campaign.tune_result import Tuned
+    from rovtwin.campaign.tuning.result import Tuned
     from rovtwin.core.block import Block
     from rovtwin.core.log import Log
     from rovtwin.identification.logs.record import Record
@@ -377,10 +377,10 @@ def tune(
     from rovtwin.campaign.packages import require as need
 
     need("cmaes")
-    from rovtwin.campaign.tune import tune as search
-    from rovtwin.campaign.tune_cost import weights_of
-    from rovtwin.campaign.tune_parameters import chosen
-    from rovtwin.campaign.tune_result import TuningRequest
+    from rovtwin.campaign.tuning.cost import weights_of
+    from rovtwin.campaign.tuning.parameters import chosen
+    from rovtwin.campaign.tuning.result import TuningRequest
+    from rovtwin.campaign.tuning.tune import tune as search
 
     _known(settings, TuningRequest)
     request = TuningRequest(

@@ -10,7 +10,7 @@ from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, tabl
 from rovtwin.cli.scenarios import Overrides, ScenarioName
 
 if TYPE_CHECKING:
-    from rovtwin.campaign.tune_result import Tuned, TuningRequest
+    from rovtwin.campaign.tuning.result import Tuned, TuningRequest
 
 
 def tune(
@@ -57,9 +57,9 @@ def tune(
     from rovtwin.scenario.files import load_scenario
 
     require("cmaes")
-    from rovtwin.campaign.tune_cost import weights_of
-    from rovtwin.campaign.tune_parameters import chosen
-    from rovtwin.campaign.tune_result import TuningRequest
+    from rovtwin.campaign.tuning.cost import weights_of
+    from rovtwin.campaign.tuning.parameters import chosen
+    from rovtwin.campaign.tuning.result import TuningRequest
 
     request = TuningRequest(
         scenario=load_scenario(scenario, overrides or ()),
@@ -75,7 +75,7 @@ def tune(
         workers=workers,
     )
     tuned = _run(request)
-    from rovtwin.campaign.tune_writing import as_data, write_tuned
+    from rovtwin.campaign.tuning.writing import as_data, write_tuned
 
     folder = out or Path("runs") / f"tune-{request.scenario.name}"
     files = {name: str(path) for name, path in write_tuned(tuned, folder, report).items()}
@@ -89,7 +89,7 @@ def _run(request: "TuningRequest") -> "Tuned":
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console(True), transient=True) as bar:
         task = bar.add_task(f"{request.scenario.name}: loading", total=1.0)
-        from rovtwin.campaign.tune import tune as tune_it
+        from rovtwin.campaign.tuning.tune import tune as tune_it
 
         def progress(what: str, share: float) -> None:
             bar.update(task, description=f"{request.scenario.name}: {what}", completed=share)
@@ -98,8 +98,8 @@ def _run(request: "TuningRequest") -> "Tuned":
 
 
 def _say(tuned: "Tuned", files: dict[str, str], screen: Any) -> None:
-    from rovtwin.campaign.tune_result import terms_table
-    from rovtwin.campaign.tune_writing import sentences
+    from rovtwin.campaign.tuning.result import terms_table
+    from rovtwin.campaign.tuning.writing import sentences
 
     head, sentences_of = sentences(tuned)
     screen.print(head, style="bold", markup=False)

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.campaign.tune_cost import terms_of
-from rovtwin.campaign.tune_plants import Plants
+from rovtwin.campaign.tuning.cost import terms_of
+from rovtwin.campaign.tuning.plants import Plants
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from rovtwin._version import __version__
-from rovtwin.campaign.tune_cost import FAILED, TERMS
-from rovtwin.campaign.tune_flights import failures
-from rovtwin.campaign.tune_parameters import Space, value_of
-from rovtwin.campaign.tune_result import Tuned, terms_table
+from rovtwin.campaign.tuning.cost import FAILED, TERMS
+from rovtwin.campaign.tuning.flights import failures
+from rovtwin.campaign.tuning.parameters import Space, value_of
+from rovtwin.campaign.tuning.result import Tuned, terms_table
 from rovtwin.core.numerics import jax
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from rovtwin.campaign.tune_cost import TERMS, Cost, terms_of
-from rovtwin.campaign.tune_flights import Figures
-from rovtwin.campaign.tune_parameters import Tunable, start_of, value_of
-from rovtwin.campaign.tune_search import Search
+from rovtwin.campaign.tuning.cost import TERMS, Cost, terms_of
+from rovtwin.campaign.tuning.flights import Figures
+from rovtwin.campaign.tuning.parameters import Tunable, start_of, value_of
+from rovtwin.campaign.tuning.search import Search
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
 
 

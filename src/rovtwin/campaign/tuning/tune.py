@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rovtwin.campaign.tune_cost import FAILED, Cost, floors_of
-from rovtwin.campaign.tune_flights import (
+from rovtwin.campaign.tuning.cost import FAILED, Cost, floors_of
+from rovtwin.campaign.tuning.flights import (
     CHOOSING,
     HELD_OUT,
     TUNING,
@@ -18,11 +18,11 @@ from rovtwin.campaign.tune_flights import (
     fleet_of,
     seas_of,
 )
-from rovtwin.campaign.tune_parameters import Space, start_of, value_of, with_values
-from rovtwin.campaign.tune_plants import Plants, plants_of
-from rovtwin.campaign.tune_result import Judged, Tuned, TuningRequest
-from rovtwin.campaign.tune_search import Search, population, search
-from rovtwin.campaign.tune_time import Clock, least_seconds
+from rovtwin.campaign.tuning.parameters import Space, start_of, value_of, with_values
+from rovtwin.campaign.tuning.plants import Plants, plants_of
+from rovtwin.campaign.tuning.result import Judged, Tuned, TuningRequest
+from rovtwin.campaign.tuning.search import Search, population, search
+from rovtwin.campaign.tuning.time_limit import Clock, least_seconds
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.scenario.schema import ModelBasedSection
