@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.timing import in_turns, rates
 from rovtwin.core.errors import ConfigError
-from rovtwin.positioning.detection import Detector
+from rovtwin.positioning.images.detection import Detector
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
@@ -68,7 +68,8 @@ def _wall(action) -> float:
 def corners(quick: bool, distances: Sequence[float] = (1.0, 2.0, 3.0, 5.0, 8.0)) -> dict[str, Any]:
     """Of markers in the pool at 1080p, by distance to the wall: found, and corners against projection [px].
 
-    As `positioning.detection` finds them. `rms` counts all there is; `middle` is the mean of a marker's four corners.
+    As `positioning.images.detection` finds them. `rms` counts all there is; `middle` is the mean of the four corners of a
+    marker.
     """
     scene, lens = load_scene("pool"), _left().lens
     if quick:

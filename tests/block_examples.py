@@ -65,10 +65,10 @@ from rovtwin.gnc.thesis.ekf import Ekf
 from rovtwin.gnc.thesis.ekf_tuning import EkfTuning
 from rovtwin.gnc.thesis.los_guidance import Guidance
 from rovtwin.gnc.thesis.pid import Pid
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
-from rovtwin.positioning.sightings import Sightings, SightInput
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.images.observations import Sightings, SightInput
 from rovtwin.simulation.battery import Battery, BatteryInput
 from rovtwin.simulation.environment.airy import AirySea
 from rovtwin.simulation.environment.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
@@ -472,9 +472,9 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "simulation.vehicle_firmware.Sense": sense,
     "gnc.control.tracking.Tracking": tracking,
     "gnc.experiment.Experiment": experiment,
-    "positioning.ekf.MarkerEkf": marker_filter,
-    "positioning.luenberger.MarkerLuenberger": marker_observer,
-    "positioning.luenberger.MarkerLuenberger: as printed": lambda: marker_observer(as_printed=True),
+    "positioning.estimators.ekf.MarkerEkf": marker_filter,
+    "positioning.estimators.luenberger.MarkerLuenberger": marker_observer,
+    "positioning.estimators.luenberger.MarkerLuenberger: as printed": lambda: marker_observer(as_printed=True),
     "simulation.environment.airy.AirySea": lambda: Example(sea(), states(), PHYSICS),
     "simulation.environment.current.CombinedCurrent": lambda: Example(
         CombinedCurrent((sheared(), wandering())), states().position, PHYSICS
@@ -494,7 +494,11 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 }
 
 # Compiling these takes long: they run in `make test-all`.
-SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.thesis.ekf.Ekf: as printed", "positioning.ekf.MarkerEkf"}
+SLOW = {
+    "gnc.autopilot.Autopilot: with the filter",
+    "gnc.thesis.ekf.Ekf: as printed",
+    "positioning.estimators.ekf.MarkerEkf",
+}
 # Of several examples of a class one is batched and differentiated in the quick set.
 _ONE_EACH = {name.split(":")[0]: name for name in sorted(EXAMPLES, reverse=True)}.values()
 OTHERS = EXAMPLES.keys() - set(_ONE_EACH)

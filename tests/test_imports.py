@@ -101,6 +101,12 @@ LAYERS: dict[str, list[set[str]]] = {
         {"run"},
         {"reporting"},
     ],
+    "positioning": [
+        {"images"},
+        {"estimators", "recording"},
+        {"calibration", "track"},
+        {"track_log"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

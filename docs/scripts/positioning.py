@@ -23,8 +23,8 @@ from tests.positioning.tracks import rotations
 from tests.positioning.turbidity import ranges
 
 from rovtwin.core.log import Log
-from rovtwin.positioning.detection import Detector
-from rovtwin.positioning.port_study import port_cost
+from rovtwin.positioning.calibration.port_study import port_cost
+from rovtwin.positioning.images.detection import Detector
 from rovtwin.report.cameras.lens import port_figure
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene

@@ -21,15 +21,15 @@ from rovtwin.core.block import Start
 from rovtwin.core.frames import quaternion_from_rotation
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.positioning.detection import Detections, Detector
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.fixes import fixes
-from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
-from rovtwin.positioning.run import run_observer, step
-from rovtwin.positioning.sight import Eyes
-from rovtwin.positioning.sightings import Frames, sightings
-from rovtwin.positioning.smoother import smooth
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.estimators.run import run_observer, step
+from rovtwin.positioning.estimators.single_frame import fixes
+from rovtwin.positioning.estimators.smoother import smooth
+from rovtwin.positioning.images.camera_model import Eyes
+from rovtwin.positioning.images.detection import Detections, Detector
+from rovtwin.positioning.images.observations import Frames, sightings
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.camera.sensor import camera_named
 from rovtwin.simulation.scene import load_scene

@@ -19,8 +19,8 @@ from tests.positioning.chain import (
 from tests.positioning.tracks import camera
 
 from rovtwin.core.log import Log
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.sight import sizes_of
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.images.camera_model import sizes_of
 from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
 from rovtwin.simulation.scene import load_scene

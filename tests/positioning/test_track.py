@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.positioning.test_ekf import EYE, LAYOUT, cut, drive, frames_of, seen
+from tests.positioning.estimators.test_ekf import EYE, LAYOUT, cut, drive, frames_of, seen
 from tests.positioning.tracks import Drive, camera, corners_seen, wall
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
 from rovtwin.core.log import Channel, Log
-from rovtwin.positioning.detection import Detections
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.run import run_observer
+from rovtwin.positioning.estimators.smoother import smooth
+from rovtwin.positioning.images.camera_model import Eyes, see
+from rovtwin.positioning.images.detection import Detections
+from rovtwin.positioning.images.observations import Frames, sightings
 from rovtwin.positioning.recording import Recording
-from rovtwin.positioning.run import run_observer
-from rovtwin.positioning.sight import Eyes, see
-from rovtwin.positioning.sightings import Frames, sightings
-from rovtwin.positioning.smoother import smooth
 from rovtwin.positioning.track import track
 from rovtwin.positioning.track_log import track_log
 from rovtwin.vehicle.description.cameras import Camera

@@ -6,7 +6,7 @@ import numpy as np
 
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.positioning.detection import Detections
+from rovtwin.positioning.images.detection import Detections
 from rovtwin.vehicle.description.cameras import Camera
 from rovtwin.vehicle.physics.camera import R_DEVICE_C, lens_from, project
 

@@ -14,7 +14,7 @@ import numpy as np
 from tests.positioning.tracks import corners_seen, rotations
 
 from rovtwin.core.markers import Layout
-from rovtwin.positioning.detection import Detector
+from rovtwin.positioning.images.detection import Detector
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle

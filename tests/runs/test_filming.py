@@ -12,7 +12,7 @@ from rovtwin.core.markers import read_layout
 from rovtwin.core.user_files.config import parse
 from rovtwin.demo.camera import film_and_identify
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.positioning.camera_file import read_lens
+from rovtwin.positioning.calibration.camera_file import read_lens
 from rovtwin.runs.fly import fly
 from rovtwin.runs.track import TrackOptions, track_run
 from rovtwin.scenario.files import load_scenario

@@ -16,7 +16,7 @@ import numpy as np
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.processes.urgent import start_below
 from rovtwin.core.vision import opencv
-from rovtwin.positioning.detection import Detector
+from rovtwin.positioning.images.detection import Detector
 from rovtwin.simulation.scene import Scene
 
 RATE = 12.0  # pictures a second at most

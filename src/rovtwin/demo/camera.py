@@ -12,7 +12,7 @@ from rovtwin.core.user_files.config import parse
 from rovtwin.core.vision import opencv
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.positioning.detection import Detector
+from rovtwin.positioning.images.detection import Detector
 from rovtwin.report.cameras.sight import Seen, draw_seen
 from rovtwin.runs.fly import fly
 from rovtwin.runs.track import track_run

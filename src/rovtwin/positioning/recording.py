@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.log import Log
-from rovtwin.positioning.detection import Detections, Detector
-from rovtwin.positioning.sightings import Frames, sightings
-from rovtwin.positioning.video import Video
+from rovtwin.positioning.images.detection import Detections, Detector
+from rovtwin.positioning.images.observations import Frames, sightings
+from rovtwin.positioning.images.video import Video
 from rovtwin.vehicle.description.cameras import Camera
 
 ATTITUDES = ("sensor/attitude", "autopilot/eta")  # in which channels to look for it

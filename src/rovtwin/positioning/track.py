@@ -11,15 +11,15 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_steps import FULL, NEW, NOBODY, REJECTED, USED, WAITING
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.fixes import fixes
-from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.ekf_steps import FULL, NEW, NOBODY, REJECTED, USED, WAITING
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.estimators.run import Outputs, associate, run_observer
+from rovtwin.positioning.estimators.single_frame import fixes
+from rovtwin.positioning.estimators.smoother import smooth
+from rovtwin.positioning.images.camera_model import rotation
 from rovtwin.positioning.recording import Recording
-from rovtwin.positioning.run import Outputs, associate, run_observer
-from rovtwin.positioning.sight import rotation
-from rovtwin.positioning.smoother import smooth
 from rovtwin.vehicle.description.cameras import Camera
 
 Method = Literal["ekf", "luenberger", "smoother"]

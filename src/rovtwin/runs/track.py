@@ -16,14 +16,14 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.markers import Layout, read_layout
 from rovtwin.core.user_files.config import parse
-from rovtwin.positioning.camera_file import choose, read_lens
-from rovtwin.positioning.detection import Detector
-from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.calibration.camera_file import choose, read_lens
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.images.camera_model import sizes_of
+from rovtwin.positioning.images.detection import Detector
+from rovtwin.positioning.images.video import FILMS, Video
 from rovtwin.positioning.recording import record
-from rovtwin.positioning.sight import sizes_of
 from rovtwin.positioning.track import Method, Track, track
 from rovtwin.positioning.track_log import track_log
-from rovtwin.positioning.video import FILMS, Video
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.description.cameras import Camera
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import typer
 import yaml
-from tests.positioning.test_calibration import board_picture
-from tests.positioning.test_video import LENS, attitude_log, marked
+from tests.positioning.calibration.test_lens import board_picture
+from tests.positioning.images.test_video import LENS, attitude_log, marked
 from typer.testing import CliRunner
 
 from rovtwin.cli.cameras.calibrate import calibrate
 from rovtwin.cli.cameras.track import track
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
-from rovtwin.positioning.camera_file import as_data
+from rovtwin.positioning.calibration.camera_file import as_data
 from rovtwin.runs.track import TrackOptions, _layout
 
 cv2 = pytest.importorskip("cv2")
@@ -54,7 +54,7 @@ def test_track_writes_a_log_and_says_how_good_it_is(recorded):
 
 
 def test_track_with_json_and_a_layout(recorded):
-    from tests.positioning.test_video import LAYOUT
+    from tests.positioning.images.test_video import LAYOUT
 
     (recorded / "layout.yaml").write_text(yaml.safe_dump(LAYOUT.model_dump()))
     result = run(*arguments(recorded, "--layout", recorded / "layout.yaml", "--json"))
@@ -66,7 +66,7 @@ def test_track_with_json_and_a_layout(recorded):
 
 def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
     """Filter and poses have one table: as if the user had measured the paper, not where it hangs."""
-    from tests.positioning.test_video import LAYOUT
+    from tests.positioning.images.test_video import LAYOUT
 
     (recorded / "layout.yaml").write_text(yaml.safe_dump(LAYOUT.model_dump()))
     more = "--layout", recorded / "layout.yaml", "--no-layout", "--size", "300mm", "--marker-scale-std", "0.01"

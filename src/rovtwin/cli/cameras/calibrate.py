@@ -10,7 +10,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.files import write_text
 
 if TYPE_CHECKING:
-    from rovtwin.positioning.calibration import Calibration
+    from rovtwin.positioning.calibration.lens import Calibration
 
 _NAMES = ("f_x [px]", "f_y [px]", "c_x [px]", "c_y [px]", "k_1", "k_2", "p_1", "p_2", "k_3")
 
@@ -34,8 +34,8 @@ def calibrate(
     """
     from rovtwin.core.user_files.quantity import LENGTH, positive
     from rovtwin.core.user_files.yamlfile import dump_yaml
-    from rovtwin.positioning.calibration import calibrate
-    from rovtwin.positioning.camera_file import as_data
+    from rovtwin.positioning.calibration.camera_file import as_data
+    from rovtwin.positioning.calibration.lens import calibrate
 
     check_free(out, overwrite)
     result = calibrate(images, _board(board), positive(square, LENGTH, "--square"))

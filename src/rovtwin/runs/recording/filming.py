@@ -17,7 +17,7 @@ from rovtwin.core.log.pictures import PictureWriter
 from rovtwin.core.numerics import jax
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
-from rovtwin.positioning.camera_file import as_data
+from rovtwin.positioning.calibration.camera_file import as_data
 from rovtwin.runs.loop import Record
 from rovtwin.runs.track import LAYOUT
 from rovtwin.scenario.schema import Scenario

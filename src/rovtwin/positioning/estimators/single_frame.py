@@ -6,9 +6,9 @@ What identification wants: readings whose errors have nothing to do with each ot
 import numpy as np
 
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.sight import Eyes, rotation, see
-from rovtwin.positioning.sightings import Frames, Sightings
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.images.camera_model import Eyes, rotation, see
+from rovtwin.positioning.images.observations import Frames, Sightings
 
 _ROUNDS = 4
 _NOTHING = 1e-6  # information about the position beside the markers' [1/m2]

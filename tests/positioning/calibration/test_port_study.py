@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.positioning.port_study import AIR, PORT, calibrated_in_water, port_cost
+from rovtwin.positioning.calibration.port_study import AIR, PORT, calibrated_in_water, port_cost
 from rovtwin.report.cameras.lens import port_figure
 
 pytest.importorskip("cv2")

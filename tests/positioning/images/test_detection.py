@@ -7,11 +7,11 @@ from tests.positioning.pictures import picture
 from tests.positioning.tracks import LENS, camera, corners_seen, rotations, wall
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.positioning.detection import Detections, Detector, poses
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.print_fit import fitted
-from rovtwin.positioning.sight import Eyes, rotation, see
-from rovtwin.positioning.sightings import sightings
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.images.camera_model import Eyes, rotation, see
+from rovtwin.positioning.images.detection import Detections, Detector, poses
+from rovtwin.positioning.images.observations import sightings
+from rovtwin.positioning.images.print_fit import fitted
 from rovtwin.vehicle.physics.camera import Port, lens_from
 
 SMALL = lens_from([500, 501], [319, 241], (640, 480), [0.31, 0.08, 0.0, 0.0, 0.03])

@@ -10,9 +10,8 @@ from tests.positioning.tracks import Drive, camera, corners_seen, square, wall
 from rovtwin.core.block import Start
 from rovtwin.core.frames import quaternion_from_rotation
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.positioning.detection import Detections
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_steps import (
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.ekf_steps import (
     FULL,
     NEW,
     NOISE,
@@ -28,10 +27,11 @@ from rovtwin.positioning.ekf_steps import (
     update,
     vote,
 )
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.run import run_observer, step
-from rovtwin.positioning.sight import sizes_of
-from rovtwin.positioning.sightings import Frames, sightings
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.run import run_observer, step
+from rovtwin.positioning.images.camera_model import sizes_of
+from rovtwin.positioning.images.detection import Detections
+from rovtwin.positioning.images.observations import Frames, sightings
 from rovtwin.vehicle.physics.camera import Port, lens_from
 
 LAYOUT, EYE = wall(), camera()

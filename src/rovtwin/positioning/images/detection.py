@@ -20,8 +20,8 @@ from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.vision import opencv
-from rovtwin.positioning.print_fit import fitted
-from rovtwin.positioning.sight import rotation
+from rovtwin.positioning.images.camera_model import rotation
+from rovtwin.positioning.images.print_fit import fitted
 from rovtwin.vehicle.physics.camera import Lens, project, ray
 
 THRESHOLD_WINDOW = 13  # [px]; of the settings tried, the one that keeps markers of 20 px

@@ -23,7 +23,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.positioning.ekf_steps import (
+from rovtwin.positioning.estimators.ekf_steps import (
     EMPTY,
     NOBODY,
     OFFSET,
@@ -45,9 +45,9 @@ from rovtwin.positioning.ekf_steps import (
     update,
     vote,
 )
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.sight import Eyes, sizes_of
-from rovtwin.positioning.sightings import SightInput
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.images.camera_model import Eyes, sizes_of
+from rovtwin.positioning.images.observations import SightInput
 from rovtwin.vehicle.description.cameras import Camera
 
 

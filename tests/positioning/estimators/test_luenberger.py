@@ -3,12 +3,12 @@
 import functools
 
 import numpy as np
-from tests.positioning.test_ekf import EYE, cut, drive, frames_of, seen
+from tests.positioning.estimators.test_ekf import EYE, cut, drive, frames_of, seen
 
 from rovtwin.core.block import Start
-from rovtwin.positioning.detection import Detections
-from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
-from rovtwin.positioning.run import run_observer
+from rovtwin.positioning.estimators.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.estimators.run import run_observer
+from rovtwin.positioning.images.detection import Detections
 
 
 @functools.cache

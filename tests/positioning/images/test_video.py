@@ -7,9 +7,9 @@ from tests.positioning.tracks import camera, rotations, wall
 
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
-from rovtwin.positioning.detection import Detections, Detector
+from rovtwin.positioning.images.detection import Detections, Detector
+from rovtwin.positioning.images.video import Video
 from rovtwin.positioning.recording import Attitude, _instants, record
-from rovtwin.positioning.video import Video
 from rovtwin.vehicle.physics.camera import lens_from
 
 cv2 = pytest.importorskip("cv2")

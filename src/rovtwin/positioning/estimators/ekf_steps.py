@@ -8,11 +8,11 @@ import equinox as eqx
 
 from rovtwin.core.frames import skew
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.positioning.detection import pose_slope
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.motion import process_noise, transition
-from rovtwin.positioning.sight import CORNERS, Eyes, rotation, see
-from rovtwin.positioning.sightings import Sightings
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.motion import process_noise, transition
+from rovtwin.positioning.images.camera_model import CORNERS, Eyes, rotation, see
+from rovtwin.positioning.images.detection import pose_slope
+from rovtwin.positioning.images.observations import Sightings
 
 VEHICLE = 15  # states before those of the markers
 POSITION, VELOCITY, ACCELERATION, OFFSET, NOISE = (slice(3 * k, 3 * k + 3) for k in range(5))

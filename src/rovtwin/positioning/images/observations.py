@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax
-from rovtwin.positioning.detection import Detections, poses
+from rovtwin.positioning.images.detection import Detections, poses
 from rovtwin.vehicle.description.cameras import Camera
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.core.vision import opencv
-from rovtwin.positioning.detection import Detections
-from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.fixes import fixes
-from rovtwin.positioning.sight import Eyes
-from rovtwin.positioning.sightings import Frames, sightings
+from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
+from rovtwin.positioning.estimators.single_frame import fixes
+from rovtwin.positioning.images.camera_model import Eyes
+from rovtwin.positioning.images.detection import Detections
+from rovtwin.positioning.images.observations import Frames, sightings
 from rovtwin.vehicle.description.cameras import Camera
 from rovtwin.vehicle.physics.camera import R_DEVICE_C, Lens, Port, lens_from, project, ray
 

@@ -15,11 +15,11 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.motion import process_noise, transition
-from rovtwin.positioning.run import Association, Outputs, associate
-from rovtwin.positioning.sight import Eyes, rotation, see
-from rovtwin.positioning.sightings import Frames
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.motion import process_noise, transition
+from rovtwin.positioning.estimators.run import Association, Outputs, associate
+from rovtwin.positioning.images.camera_model import Eyes, rotation, see
+from rovtwin.positioning.images.observations import Frames
 
 ROUNDS = 15  # Gauss-Newton steps at most
 DROPS = 5  # times that what does not fit is left out

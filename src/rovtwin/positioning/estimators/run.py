@@ -7,9 +7,9 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.numerics import jax
-from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_steps import NEW, NOBODY, USED
-from rovtwin.positioning.sightings import Frames
+from rovtwin.positioning.estimators.ekf import MarkerEkf
+from rovtwin.positioning.estimators.ekf_steps import NEW, NOBODY, USED
+from rovtwin.positioning.images.observations import Frames
 
 Outputs = Any  # a block's output as a tree of NumPy arrays with a leading axis of frames
 

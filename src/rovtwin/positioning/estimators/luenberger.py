@@ -18,8 +18,8 @@ import equinox as eqx
 from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.positioning.sight import Eyes
-from rovtwin.positioning.sightings import SightInput
+from rovtwin.positioning.images.camera_model import Eyes
+from rovtwin.positioning.images.observations import SightInput
 from rovtwin.vehicle.description.cameras import Camera
 
 NOBODY = -1

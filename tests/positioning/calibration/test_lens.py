@@ -7,8 +7,8 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.positioning.calibration import calibrate
-from rovtwin.positioning.camera_file import as_data, choose, read_lens
+from rovtwin.positioning.calibration.camera_file import as_data, choose, read_lens
+from rovtwin.positioning.calibration.lens import calibrate
 from rovtwin.report.cameras.lens import residual_figure
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.physics.camera import Port, lens_from, ray

@@ -1,0 +1,1 @@
+"""Lenses: calibrated, kept in files, and what a flat port costs."""
