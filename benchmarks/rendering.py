@@ -68,8 +68,8 @@ def _wall(action) -> float:
 def corners(quick: bool, distances: Sequence[float] = (1.0, 2.0, 3.0, 5.0, 8.0)) -> dict[str, Any]:
     """Of markers in the pool at 1080p, by distance to the wall: found, and corners against projection [px].
 
-    As `positioning.images.detection` finds them. `rms` counts all there is; `middle` is the mean of the four corners of a
-    marker.
+    As `positioning.images.detection` finds them. `rms` counts all there is; `middle` is the mean of the four corners
+    of a marker.
     """
     scene, lens = load_scene("pool"), _left().lens
     if quick:

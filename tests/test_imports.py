@@ -107,6 +107,14 @@ LAYERS: dict[str, list[set[str]]] = {
         {"calibration", "track"},
         {"track_log"},
     ],
+    "identification/logs/readers": [
+        {"clocks", "convert"},
+        {"raw"},
+        {"assemble", "autopilots", "blueye", "ros", "rovtwin_log", "tables"},
+        {"qtm"},
+        {"c3d"},
+        {"reading"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

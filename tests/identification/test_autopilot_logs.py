@@ -21,11 +21,11 @@ from rovtwin.identification.logs.evidence_file import LogSpec
 from rovtwin.identification.logs.log_spec import SourceSpec
 from rovtwin.identification.logs.motion import body_rates, on_grid, rotation_on_grid
 from rovtwin.identification.logs.readers import read_record, read_records
+from rovtwin.identification.logs.readers.autopilots.motors import FRAMES, NoCommands, drives, matched
+from rovtwin.identification.logs.readers.autopilots.tlog import _on_one_epoch
+from rovtwin.identification.logs.readers.autopilots.turning import stretches
 from rovtwin.identification.logs.readers.convert import to_body
-from rovtwin.identification.logs.readers.motors import FRAMES, NoCommands, drives, matched
 from rovtwin.identification.logs.readers.reading import read_raw
-from rovtwin.identification.logs.readers.tlog import _on_one_epoch
-from rovtwin.identification.logs.readers.turning import stretches
 from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 

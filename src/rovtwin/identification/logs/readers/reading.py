@@ -10,16 +10,16 @@ from rovtwin.core.plugins import READERS, installed, load
 from rovtwin.identification.logs.evidence_file import Evidence, LogSpec, Use
 from rovtwin.identification.logs.log_spec import SourceSpec
 from rovtwin.identification.logs.readers.assemble import Part, part_of
+from rovtwin.identification.logs.readers.autopilots.dataflash import read_dataflash
+from rovtwin.identification.logs.readers.autopilots.tlog import read_tlog
+from rovtwin.identification.logs.readers.autopilots.ulog import read_ulog
 from rovtwin.identification.logs.readers.blueye import read_blueye
 from rovtwin.identification.logs.readers.c3d import read_c3d
-from rovtwin.identification.logs.readers.dataflash import read_dataflash
 from rovtwin.identification.logs.readers.qtm import read_qtm
 from rovtwin.identification.logs.readers.raw import Raw, no_commands
 from rovtwin.identification.logs.readers.ros import read_rosbag
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.identification.logs.readers.tables import read_csv, read_npz
-from rovtwin.identification.logs.readers.tlog import read_tlog
-from rovtwin.identification.logs.readers.ulog import read_ulog
 from rovtwin.identification.logs.record import Ballast, Record, Signal
 from rovtwin.identification.logs.response import commanded_motion
 from rovtwin.identification.logs.timing import ClockFit, align

@@ -17,7 +17,8 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
-from rovtwin.identification.logs.readers.autopilot import (
+from rovtwin.identification.logs.readers.autopilots.motors import FITS, NoCommands, command, matched
+from rovtwin.identification.logs.readers.autopilots.servo_outputs import (
     Flight,
     armed_changes,
     at_a_time,
@@ -25,7 +26,6 @@ from rovtwin.identification.logs.readers.autopilot import (
     listed,
     raw_of,
 )
-from rovtwin.identification.logs.readers.motors import FITS, NoCommands, command, matched
 from rovtwin.identification.logs.readers.raw import Raw, Table
 from rovtwin.vehicle import Vehicle
 

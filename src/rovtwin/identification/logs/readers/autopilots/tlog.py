@@ -20,9 +20,15 @@ import numpy as np
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, board_deg, listed, raw_of
-from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
-from rovtwin.identification.logs.readers.places import gps_table, speed_table
+from rovtwin.identification.logs.readers.autopilots.motors import NoCommands, command, drives
+from rovtwin.identification.logs.readers.autopilots.places import gps_table, speed_table
+from rovtwin.identification.logs.readers.autopilots.servo_outputs import (
+    Flight,
+    armed_changes,
+    board_deg,
+    listed,
+    raw_of,
+)
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.vehicle import Vehicle
 

@@ -13,10 +13,17 @@ from typing import Any
 import numpy as np
 
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, at_a_time, board_deg, first_signals, listed, raw_of
-from rovtwin.identification.logs.readers.dataflash_file import Message, read_messages
-from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
-from rovtwin.identification.logs.readers.places import gps_table, speed_table
+from rovtwin.identification.logs.readers.autopilots.dataflash_file import Message, read_messages
+from rovtwin.identification.logs.readers.autopilots.motors import NoCommands, command, drives
+from rovtwin.identification.logs.readers.autopilots.places import gps_table, speed_table
+from rovtwin.identification.logs.readers.autopilots.servo_outputs import (
+    Flight,
+    at_a_time,
+    board_deg,
+    first_signals,
+    listed,
+    raw_of,
+)
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.vehicle import Vehicle
 

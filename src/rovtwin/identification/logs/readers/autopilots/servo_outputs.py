@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
+from rovtwin.identification.logs.readers.autopilots.turning import stretches
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
-from rovtwin.identification.logs.readers.turning import stretches
 
 COMMANDS = "thrusters"  # table of the commands that were made of a log's outputs
 

@@ -1,0 +1,1 @@
+"""Logs of autopilots: ArduPilot on board and from ground stations, PX4."""
