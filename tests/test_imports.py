@@ -115,6 +115,15 @@ LAYERS: dict[str, list[set[str]]] = {
         {"c3d"},
         {"reading"},
     ],
+    "vehicle/description": [
+        {"fields", "thrust_curve", "water"},
+        {"schema"},
+        {"files", "learned", "totals"},
+        {"thruster_arrays"},
+        {"identified", "power"},
+        {"vehicle"},
+        {"cameras", "instruments"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

@@ -12,8 +12,8 @@ import trimesh
 
 from rovtwin.identification.priors.mesh_file import mesher_of_file
 from rovtwin.identification.priors.panel import panel_added_mass
-from rovtwin.vehicle.description.added_mass import Solid, added_mass
 from rovtwin.vehicle.description.schema import Shape
+from rovtwin.vehicle.description.totals.added_mass import Solid, added_mass
 
 make = trimesh.creation
 PANELS = 900

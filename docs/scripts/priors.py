@@ -18,7 +18,7 @@ from rovtwin.report.evidence.surface import surface_figure
 from rovtwin.report.parts.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SMALL, dress, legend_above, new_figure
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.description.added_mass import added_mass
+from rovtwin.vehicle.description.totals.added_mass import added_mass
 
 FIGURES = Path(__file__).parents[1] / "figures"
 NAN = np.nan

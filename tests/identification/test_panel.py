@@ -11,7 +11,7 @@ from rovtwin.identification.priors.mesh_file import mesher_of
 from rovtwin.identification.priors.panel import panel_added_mass
 from rovtwin.identification.priors.surface import solids, surface_of
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.description.added_mass import added_mass
+from rovtwin.vehicle.description.totals.added_mass import added_mass
 
 pytest.importorskip("capytaine", reason="needs the extra 'panel'")
 
@@ -109,7 +109,7 @@ def test_off_centre_bodies_couple_and_keep_their_energy():
     shape = {"box": [0.4, 0.3, 0.2]}
     centred = panel_added_mass(mesher_of(vehicle_of(shape)), panel_size=0.06).matrix
     moved = panel_added_mass(mesher_of(vehicle_of({**shape, "center": [0.3, -0.2, 0.1]})), panel_size=0.06).matrix
-    from rovtwin.vehicle.description.added_mass import move_matrix
+    from rovtwin.vehicle.description.totals.added_mass import move_matrix
     from rovtwin.vehicle.solids.placement import Placement
 
     np.testing.assert_allclose(moved, move_matrix(centred, Placement.of([0.3, -0.2, 0.1])), rtol=1e-6, atol=1e-6)

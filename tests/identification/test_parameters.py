@@ -16,8 +16,8 @@ from rovtwin.identification.joint.model.prior import default_prior
 from rovtwin.identification.joint.solver.anchors import static_evidence
 from rovtwin.identification.joint.solver.options import Options
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.description.drag import Damping
-from rovtwin.vehicle.description.validation import driving_velocity
+from rovtwin.vehicle.description.totals.drag import Damping
+from rovtwin.vehicle.description.totals.validation import driving_velocity
 from rovtwin.vehicle.physics.dynamics import damping_wrench
 from rovtwin.vehicle.physics.thrusters import static_force
 

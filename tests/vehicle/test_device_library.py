@@ -7,8 +7,8 @@ from rovtwin.core.user_files.config import read_yaml
 from rovtwin.vehicle import list_devices, list_library, load_vehicle, render, summary, vehicle_from_dict
 from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.analysis.summary import sources
-from rovtwin.vehicle.description.assembly import bodies
 from rovtwin.vehicle.description.files import DEVICES
+from rovtwin.vehicle.description.totals.assembly import bodies
 
 ASKED_FOR = {
     "dvl_a50": "dvl", "dvl_a125": "dvl", "ugps_u1": "position", "ping1d": "altimeter", "ping360": "sonar",

@@ -26,7 +26,7 @@ from rovtwin.vehicle.analysis.stability import (
 from rovtwin.vehicle.analysis.summary import sources
 from rovtwin.vehicle.description.identified import fingerprint
 from rovtwin.vehicle.description.thrust_curve import read_bollard_csv
-from rovtwin.vehicle.description.validation import driving_velocity
+from rovtwin.vehicle.description.totals.validation import driving_velocity
 from rovtwin.vehicle.physics.dynamics import State, plant_step, rollout
 from rovtwin.vehicle.physics.thrusters import static_force
 

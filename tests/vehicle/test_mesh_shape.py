@@ -16,10 +16,10 @@ from rovtwin.scenario.assets import kept_beside
 from rovtwin.vehicle import check, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.analysis.visuals import pieces_of
-from rovtwin.vehicle.description.added_mass import Solid, added_mass
-from rovtwin.vehicle.description.drag import drag_elements
 from rovtwin.vehicle.description.identified import fingerprint
 from rovtwin.vehicle.description.schema import Shape
+from rovtwin.vehicle.description.totals.added_mass import Solid, added_mass
+from rovtwin.vehicle.description.totals.drag import drag_elements
 from rovtwin.vehicle.solids.mesh_solid import open_share
 
 make = trimesh.creation

@@ -29,7 +29,7 @@ from rovtwin.survey.offset import corners_of_co
 from rovtwin.survey.pace import Pace, line_speed
 from rovtwin.survey.plan import SurveyPlan, plan_survey
 from rovtwin.vehicle import Model, Vehicle, load_vehicle
-from rovtwin.vehicle.description.assembly import Mounted
+from rovtwin.vehicle.description.totals.assembly import Mounted
 
 MARGIN = 1.5  # between hull and obstacle, in acceptances: twice the cross-track rms of docs/scenarios.md
 SETTLING = 2.0  # at speed before a line, in time constants 1/w of the vehicle's control

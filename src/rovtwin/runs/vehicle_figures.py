@@ -14,7 +14,7 @@ from rovtwin.vehicle.analysis.hydrostatics import floating_of
 from rovtwin.vehicle.analysis.lint import uncontrollable
 from rovtwin.vehicle.analysis.performance import AxisPerformance, performance
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.description.assembly import bodies
+from rovtwin.vehicle.description.totals.assembly import bodies
 
 HOUR = 3600.0  # [s]
 CRUISE = 0.5  # share of its top speed at which a vehicle is taken to travel

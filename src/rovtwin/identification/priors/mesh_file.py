@@ -11,7 +11,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.priors.panel import PANELS, Mesher
 from rovtwin.identification.priors.surface import LEAST, Panels, solids, surface_of
-from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.description.vehicle import Vehicle
 from rovtwin.vehicle.solids.closed_mesh import LARGEST, SUFFIXES, ClosedMesh, read_closed, unit_hint
 from rovtwin.vehicle.solids.shells import wet_share

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.vehicle.description.added_mass import Solid
 from rovtwin.vehicle.description.schema import Body
+from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.description.vehicle import Vehicle
 from rovtwin.vehicle.solids.placement import SIGNS, Placement
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.description.added_mass import Solid
-from rovtwin.vehicle.description.assembly import bodies
+from rovtwin.vehicle.description.totals.added_mass import Solid
+from rovtwin.vehicle.description.totals.assembly import bodies
 from rovtwin.vehicle.description.vehicle import Vehicle
 
 UNITS = {

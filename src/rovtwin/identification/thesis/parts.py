@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.description.assembly import assemble
-from rovtwin.vehicle.description.drag import Damping
+from rovtwin.vehicle.description.totals.assembly import assemble
+from rovtwin.vehicle.description.totals.drag import Damping
 
 
 @cache

@@ -11,8 +11,8 @@ from rovtwin.simulation.tether.cable import Cable
 from rovtwin.simulation.tether.tether import SHORTEST, Tether
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
-from rovtwin.vehicle.description.assembly import Mounted
 from rovtwin.vehicle.description.schema import Tether as TetherItem
+from rovtwin.vehicle.description.totals.assembly import Mounted
 
 
 def tethers_of(world: WorldSection, vehicle: Vehicle, start: Start) -> dict[str, Tether]:

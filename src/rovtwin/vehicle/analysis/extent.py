@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from rovtwin.vehicle.description import schema
-from rovtwin.vehicle.description.added_mass import Solid
-from rovtwin.vehicle.description.assembly import Assembly
+from rovtwin.vehicle.description.totals.added_mass import Solid
+from rovtwin.vehicle.description.totals.assembly import Assembly
 from rovtwin.vehicle.solids.placement import HERE, Placement
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.description.assembly import Assembly
+from rovtwin.vehicle.description.totals.assembly import Assembly
 
 
 @dataclass(frozen=True)

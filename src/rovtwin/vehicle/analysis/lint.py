@@ -19,9 +19,9 @@ from rovtwin.vehicle.analysis.stability import (
     tilt_of_thrust,
 )
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.description.added_mass import Solid
-from rovtwin.vehicle.description.assembly import bodies
 from rovtwin.vehicle.description.schema import Thruster
+from rovtwin.vehicle.description.totals.added_mass import Solid
+from rovtwin.vehicle.description.totals.assembly import bodies
 from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.physics.actuation import (
     BY_PRODUCT,

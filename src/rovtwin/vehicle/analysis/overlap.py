@@ -12,8 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
-from rovtwin.vehicle.description.added_mass import Solid
 from rovtwin.vehicle.description.schema import Body, Part
+from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.solids.mesh_solid import MeshSolid
 from rovtwin.vehicle.solids.placement import HERE, Placement
 

@@ -8,9 +8,9 @@ import numpy as np
 from rovtwin.core.user_files.quantity import plain
 from rovtwin.vehicle.analysis.plausible import Slip, implausible
 from rovtwin.vehicle.constants import AXES, GRAVITY
-from rovtwin.vehicle.description.added_mass import Solid
-from rovtwin.vehicle.description.assembly import bodies
 from rovtwin.vehicle.description.schema import Body, Thruster
+from rovtwin.vehicle.description.totals.added_mass import Solid
+from rovtwin.vehicle.description.totals.assembly import bodies
 from rovtwin.vehicle.description.vehicle import Vehicle
 from rovtwin.vehicle.physics.actuation import size, wrench_limits
 from rovtwin.vehicle.physics.model import Model

@@ -11,11 +11,11 @@ from rovtwin.vehicle.analysis.lint import findings, uncontrollable
 from rovtwin.vehicle.analysis.performance import AxisPerformance, performance
 from rovtwin.vehicle.analysis.stability import hang, reach, stability, steady_speed
 from rovtwin.vehicle.constants import AXES, GRAVITY
-from rovtwin.vehicle.description.assembly import bodies
 from rovtwin.vehicle.description.instruments import Instrument, instruments
 from rovtwin.vehicle.description.power import PowerSource
 from rovtwin.vehicle.description.schema import Curve, Thruster
 from rovtwin.vehicle.description.thruster_arrays import direction_vector
+from rovtwin.vehicle.description.totals.assembly import bodies
 from rovtwin.vehicle.description.vehicle import Vehicle
 from rovtwin.vehicle.physics.actuation import rank
 from rovtwin.vehicle.physics.model import Model

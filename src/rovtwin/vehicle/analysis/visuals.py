@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.vehicle.description import schema
-from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.description.vehicle import Vehicle
 from rovtwin.vehicle.solids.placement import HERE, Placement
 

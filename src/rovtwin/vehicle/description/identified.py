@@ -7,10 +7,10 @@ from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.description import schema
-from rovtwin.vehicle.description.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
 from rovtwin.vehicle.description.files import with_meshes
 from rovtwin.vehicle.description.learned import discrepancy_arrays
 from rovtwin.vehicle.description.thruster_arrays import configuration
+from rovtwin.vehicle.description.totals.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
 from rovtwin.vehicle.solids.mesh_solid import digest
 
 # For what tests find. A pair that is driven as one gives the same force however far apart its two are.

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.description.assembly import Mounted, bodies
 from rovtwin.vehicle.description.schema import Body, Thruster
 from rovtwin.vehicle.description.thruster_arrays import thrust_limits
+from rovtwin.vehicle.description.totals.assembly import Mounted, bodies
 
 T200_POWER = (1.00, 1.45)  # ahead, astern [W/N^1.5]
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.vehicle.description.assembly import Mounted
 from rovtwin.vehicle.description.schema import Curve, Thruster
 from rovtwin.vehicle.description.thrust_curve import at_voltage, increasing
+from rovtwin.vehicle.description.totals.assembly import Mounted
 
 
 def direction_vector(direction: Any) -> np.ndarray:

@@ -12,12 +12,12 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.description import files
-from rovtwin.vehicle.description.assembly import Assembly, Mounted, assemble
 from rovtwin.vehicle.description.identified import with_identified
 from rovtwin.vehicle.description.power import PowerSource, power_sources, specific_power
 from rovtwin.vehicle.description.schema import VehicleFile
 from rovtwin.vehicle.description.thruster_arrays import pairs_apart, thruster_arrays
-from rovtwin.vehicle.description.validation import require_distinct_in_logs, require_sound
+from rovtwin.vehicle.description.totals.assembly import Assembly, Mounted, assemble
+from rovtwin.vehicle.description.totals.validation import require_distinct_in_logs, require_sound
 from rovtwin.vehicle.description.water import check_density
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.quantity import Kind
 from rovtwin.vehicle.analysis.hydrostatics import Floating, floating, floating_of
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.description.assembly import Assembly
+from rovtwin.vehicle.description.totals.assembly import Assembly
 
 LEAD, FOAM = 11340.0, 200.0  # [kg/m3]; foams for shallow water weigh 100 to 250, deep-sea ones 350 to 600
 # People say "200 g of lift": what a mass weighs is a force too.

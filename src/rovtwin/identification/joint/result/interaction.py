@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovtwin.vehicle.constants import FRESH_WATER
-from rovtwin.vehicle.description.added_mass import Solid, added_mass, move_matrix
-from rovtwin.vehicle.description.assembly import assemble
 from rovtwin.vehicle.description.schema import Body, Shape
+from rovtwin.vehicle.description.totals.added_mass import Solid, added_mass, move_matrix
+from rovtwin.vehicle.description.totals.assembly import assemble
 from rovtwin.vehicle.solids.placement import HERE, Placement
 
 _OWN, _STANDS_IN = 0.2, 1.0  # relative errors: formula of a lone body; the sphere for one without a shape

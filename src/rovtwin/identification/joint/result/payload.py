@@ -20,11 +20,11 @@ from rovtwin.identification.joint.result.interaction import added_mass_std
 from rovtwin.identification.joint.result.published import trees_to_compare
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.description.assembly import Assembly, assemble, bodies, with_restoring, with_rigid_body
-from rovtwin.vehicle.description.drag import Damping
 from rovtwin.vehicle.description.identified import fingerprint
-from rovtwin.vehicle.description.rigid_body import MassProperties
-from rovtwin.vehicle.description.validation import require_sound
+from rovtwin.vehicle.description.totals.assembly import Assembly, assemble, bodies, with_restoring, with_rigid_body
+from rovtwin.vehicle.description.totals.drag import Damping
+from rovtwin.vehicle.description.totals.rigid_body import MassProperties
+from rovtwin.vehicle.description.totals.validation import require_sound
 from rovtwin.vehicle.description.vehicle import body_arrays
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.solids.placement import Placement

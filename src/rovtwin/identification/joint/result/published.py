@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.vehicle.description.assembly import bodies
 from rovtwin.vehicle.description.identified import without_remarks
 from rovtwin.vehicle.description.schema import Body
+from rovtwin.vehicle.description.totals.assembly import bodies
 from rovtwin.vehicle.solids.placement import HERE, Placement
 
 _TOTALS = ("rigid_body", "restoring", "hydrodynamics")

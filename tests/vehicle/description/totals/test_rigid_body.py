@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rovtwin.vehicle import vehicle_from_dict
-from rovtwin.vehicle.description.added_mass import Solid
-from rovtwin.vehicle.description.rigid_body import MassProperties, combine
 from rovtwin.vehicle.description.schema import Shape
+from rovtwin.vehicle.description.totals.added_mass import Solid
+from rovtwin.vehicle.description.totals.rigid_body import MassProperties, combine
 from rovtwin.vehicle.physics.model import rigid_body_matrix
 from rovtwin.vehicle.solids.placement import Placement, rotation_zyx
 

@@ -6,10 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.description.added_mass import Solid, added_mass, move_matrix
-from rovtwin.vehicle.description.drag import CROSSOVER_SPEED, Damping, DragElements, coupling_load, drag_elements, tamed
 from rovtwin.vehicle.description.schema import Shape
-from rovtwin.vehicle.description.validation import driving_velocity
+from rovtwin.vehicle.description.totals.added_mass import Solid, added_mass, move_matrix
+from rovtwin.vehicle.description.totals.drag import (
+    CROSSOVER_SPEED,
+    Damping,
+    DragElements,
+    coupling_load,
+    drag_elements,
+    tamed,
+)
+from rovtwin.vehicle.description.totals.validation import driving_velocity
 from rovtwin.vehicle.solids.placement import Placement
 
 seeds = st.integers(0, 2**32 - 1)

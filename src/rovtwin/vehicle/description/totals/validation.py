@@ -4,8 +4,8 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.description.assembly import Assembly
-from rovtwin.vehicle.description.drag import Damping, coupling_load
+from rovtwin.vehicle.description.totals.assembly import Assembly
+from rovtwin.vehicle.description.totals.drag import Damping, coupling_load
 
 
 def require_distinct_in_logs(names: list[str], where: str, what: str = "thrusters") -> None:

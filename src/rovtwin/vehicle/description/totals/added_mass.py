@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.description.rigid_body import MassProperties
 from rovtwin.vehicle.description.schema import Shape
+from rovtwin.vehicle.description.totals.rigid_body import MassProperties
 from rovtwin.vehicle.solids.mesh_solid import MeshSolid, mesh_solid, open_share
 from rovtwin.vehicle.solids.placement import Placement
 

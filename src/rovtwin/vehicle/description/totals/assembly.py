@@ -9,10 +9,10 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import near
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.description import schema
-from rovtwin.vehicle.description.added_mass import Solid, added_mass, move_matrix
-from rovtwin.vehicle.description.drag import Damping, DragElements, drag_elements, tamed
 from rovtwin.vehicle.description.fields import inertia_matrix
-from rovtwin.vehicle.description.rigid_body import MassProperties, combine
+from rovtwin.vehicle.description.totals.added_mass import Solid, added_mass, move_matrix
+from rovtwin.vehicle.description.totals.drag import Damping, DragElements, drag_elements, tamed
+from rovtwin.vehicle.description.totals.rigid_body import MassProperties, combine
 from rovtwin.vehicle.solids.placement import HERE, Box, Placement
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.solids.placement import Placement
 
 # Linear damping = quadratic coefficient x this speed [m/s]. The two quotients D_L / D_NL that towing measured on the
