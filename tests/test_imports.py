@@ -124,6 +124,11 @@ LAYERS: dict[str, list[set[str]]] = {
         {"vehicle"},
         {"cameras", "instruments"},
     ],
+    "links": [
+        {"background", "clock", "endpoint", "host", "http_wire", "local_link", "rotations", "servers", "url"},
+        {"ardusub_json", "blueye", "mavlink", "qualisys", "registry", "remote_link", "replay", "twin", "waterlinked"},
+        {"ros2"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

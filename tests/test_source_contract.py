@@ -20,7 +20,7 @@ import rovtwin.links
 from rovtwin.core.link import Link, Source
 from rovtwin.links.cerulean.source import CeruleanSource
 from rovtwin.links.cerulean.wire import checksum
-from rovtwin.links.server import Server
+from rovtwin.links.servers.server import Server
 from rovtwin.links.waterlinked.dvl_server import DvlServer
 from rovtwin.links.waterlinked.dvl_source import DvlSource
 from rovtwin.links.waterlinked.ugps_server import UgpsServer

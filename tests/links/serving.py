@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
+from rovtwin.links.servers.pilot_command import PilotCommand
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
 
 
 class Served:

@@ -49,7 +49,7 @@ def client(until: float, counted) -> None:
 
 def soak(minutes: float, say=print) -> dict:
     """Serve and listen for so long; memory of both processes [MB] once a minute from the first one on, and the pace."""
-    from rovtwin.links.protocol_process import Protocols
+    from rovtwin.links.servers.protocol_process import Protocols
     from rovtwin.live.serving import serve as module
     from rovtwin.live.serving.host import ServedVehicle
     from rovtwin.live.serving.protocols import places_of, servers_of, world_for

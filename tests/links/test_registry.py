@@ -23,7 +23,7 @@ from pathlib import Path
 
 from rovtwin.core.link import Source
 from rovtwin.links.endpoint import Endpoint
-from rovtwin.links.server import Server
+from rovtwin.links.servers.server import Server
 
 class Ping(Source):
     def __init__(self, host): self.host = host

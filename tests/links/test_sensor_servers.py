@@ -12,7 +12,7 @@ from tests.links.serving import serving
 from rovtwin.core.errors import ConfigError
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.server import QtmServer
-from rovtwin.links.server import require_loopback
+from rovtwin.links.servers.server import require_loopback
 from rovtwin.links.waterlinked.dvl_server import DvlServer
 from rovtwin.links.waterlinked.ugps_server import UgpsServer
 

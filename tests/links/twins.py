@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.links import protocol_process as apart
-from rovtwin.links.server import Server
+from rovtwin.links.servers import protocol_process as apart
+from rovtwin.links.servers.server import Server
 from rovtwin.live.serving.host import ServedVehicle
 from rovtwin.live.serving.protocols import places_of, servers_of, world_for
 from rovtwin.live.serving.serve import serve

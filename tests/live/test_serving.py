@@ -6,7 +6,7 @@ import pytest
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
 from rovtwin.core.sensors import IMU
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.live.serving.host import ServedVehicle
 from rovtwin.live.serving.protocols import known, own_protocol, places_of, world_for
 from rovtwin.live.serving.replayed import ReplayedVehicle

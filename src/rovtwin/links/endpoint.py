@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rovtwin.core.datum import Datum
     from rovtwin.core.link import Source
     from rovtwin.links.host import Opener
-    from rovtwin.links.server import Server
+    from rovtwin.links.servers.server import Server
     from rovtwin.links.url import Url
     from rovtwin.vehicle import Vehicle
 

@@ -33,7 +33,7 @@ _LEVEL = (jnp.arange(6) == 3) | (jnp.arange(6) == 4)
 
 
 class Order(eqx.Module):
-    """The command of one drone; fields as of `links.pilot_command.PilotCommand`.
+    """The command of one drone; fields as of `links.servers.pilot_command.PilotCommand`.
 
     Attributes:
         armed: Bool.

@@ -25,8 +25,8 @@ from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.protobuf import names
 from rovtwin.links.blueye.server import BlueyeServer
 from rovtwin.links.blueye.wire import STILL
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import require_loopback
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import require_loopback
 
 PORT, STARBOARD = "127.0.0.4", "127.0.0.5"  # not 127.0.0.2 and .3, where tests of `rovtwin serve` may be at work
 ESTIMATE = [12.0, -7.0, 3.5, *[0.0] * 9]

@@ -17,7 +17,7 @@ from tests.links.faults.clock import jump_in
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.live.serving.serve import serve
 
 BLUEYE_HOSTS, MAVLINK_HOST = ("127.0.0.30", "127.0.0.31"), "127.0.0.40"

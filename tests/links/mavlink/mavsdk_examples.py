@@ -144,7 +144,7 @@ def try_all(folder: Path, python: str, seconds: float, only: list[str], say=prin
     from tests.links.mavlink.vehicle import free_port
     from tests.links.twins import twin_served
 
-    from rovtwin.links import protocol_process as apart
+    from rovtwin.links.servers import protocol_process as apart
 
     apart.STARTING = STARTING
     names = sorted(path.stem for path in folder.glob("*.py") if not only or path.stem in only)

@@ -18,8 +18,8 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.server import MavlinkServer
 from rovtwin.links.mavlink.services.peers import MOST, SILENT, Peer, Peers
 from rovtwin.links.mavlink.telemetry.streams import ON_REQUEST, RATES
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import require_loopback
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import require_loopback
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink import mavutil

@@ -15,7 +15,7 @@ from rovtwin.links.mavlink.driver.readings import Readings
 from rovtwin.links.mavlink.link import MavlinkLink
 from rovtwin.links.mavlink.server import MavlinkServer, Session
 from rovtwin.links.mavlink.wire import LONGEST, Decoder, Encoder
-from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.servers.served_vehicle import ServedVehicle
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 from pymavlink.dialects.v20 import ardupilotmega as dialect

@@ -22,7 +22,7 @@ from rovtwin.links.ros2.confine import confined
 from rovtwin.links.ros2.link import Ros2Link
 from rovtwin.links.ros2.middleware import open_transport
 from rovtwin.links.ros2.server import Ros2Server
-from rovtwin.links.server import require_loopback
+from rovtwin.links.servers.server import require_loopback
 
 pytest.importorskip("cyclonedds")
 DOMAIN = 40 + os.getpid() % 40  # two test runs on one machine must not hear each other

@@ -13,7 +13,7 @@ from rovtwin.links.registry import built_in, names_of
 
 if TYPE_CHECKING:
     from rovtwin.links.endpoint import Endpoint
-    from rovtwin.links.server import Server
+    from rovtwin.links.servers.server import Server
     from rovtwin.scenario.schema import Scenario
 
 SERVED, FIRMWARES = (names_of(kind, of=built_in()) for kind in ("server", "firmware"))
@@ -168,7 +168,7 @@ def _require_new(log: Path | None) -> None:
 
 
 def _warn(hosts: list[str], expose: bool, screen: Console) -> None:
-    from rovtwin.links.server import loopback_only
+    from rovtwin.links.servers.server import loopback_only
 
     for exposed in loopback_only(hosts, expose) or (["it"] if expose else []):
         screen.print(f"warning: everybody who reaches {exposed} can steer this vehicle", style="yellow", markup=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ardusub_json.wire import State, decode_servos, encode_state
-from rovtwin.links.server import address_taken
+from rovtwin.links.servers.server import address_taken
 
 PORT = 9002  # where ArduPilot's simulation sends to
 PATIENCE = 0.1  # longest wait for a packet before looking whether to end [s]

@@ -19,9 +19,9 @@ from rovtwin.links.blueye.services.answers import answer
 from rovtwin.links.blueye.services.http import HttpServer
 from rovtwin.links.blueye.services.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.wire import Ignored, Watchdog, parse_control
-from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
+from rovtwin.links.servers.pilot_command import PilotCommand
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
 
 FIRST = 2  # of 127.0.0.x, which the drones get unless set otherwise
 REPEAT = 0.05  # a command is repeated so often while the pilot lives [s]

@@ -5,12 +5,12 @@ Numbers: ArduSub's `custom_mode`, as in the project's table of verified wire fac
 
 from dataclasses import dataclass
 
-from rovtwin.links.pilot_command import MOTIONS
+from rovtwin.links.servers.pilot_command import MOTIONS
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A mode that is flown here, with the holds of `links.pilot_command.PilotCommand` that it stands for."""
+    """A mode that is flown here, with the holds of `links.servers.pilot_command.PilotCommand` that it stands for."""
 
     number: int
     name: str

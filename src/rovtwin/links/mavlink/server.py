@@ -22,8 +22,8 @@ from rovtwin.links.mavlink.services.sockets import open_tcp, open_udp
 from rovtwin.links.mavlink.telemetry.scene import Scene, rounds
 from rovtwin.links.mavlink.telemetry.streams import MESSAGES, RATES, Schedule
 from rovtwin.links.mavlink.wire import Decoder, Encoder, dialect
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
 
 logger = logging.getLogger(__name__)
 

@@ -14,9 +14,9 @@ from rovtwin.links.qualisys import control, wire
 from rovtwin.links.qualisys.control import MASTER_ONLY, Control
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.wire import COMMAND, ERROR, NO_MORE_DATA, XML, Stream
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
-from rovtwin.links.tcp_server import MOST_CLIENTS, Client, open_tcp_server
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
+from rovtwin.links.servers.tcp_server import MOST_CLIENTS, Client, open_tcp_server
 
 PORT = 22223  # little endian; QTM's base port 22222 and one
 LOST = 0.2  # no pose for so long: the body is lost [s]

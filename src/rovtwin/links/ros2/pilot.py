@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 
 
 @dataclass

@@ -16,8 +16,8 @@ from rovtwin.links.ros2.middleware import Middleware, open_transport
 from rovtwin.links.ros2.pilot import Pilot
 from rovtwin.links.ros2.speak import Speaker
 from rovtwin.links.ros2.transport import Transport
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
 
 COMMAND_RATE = 20.0  # repeated a second (real time)
 # `arm` is received first: a client that sends everything at once means it so.

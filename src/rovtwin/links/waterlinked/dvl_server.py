@@ -14,9 +14,9 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
 from rovtwin.links.rotations import turn_about_z
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
-from rovtwin.links.tcp_server import MOST_CLIENTS, Client, TcpServer, open_tcp_server
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
+from rovtwin.links.servers.tcp_server import MOST_CLIENTS, Client, TcpServer, open_tcp_server
 from rovtwin.links.waterlinked.dvl_pages import DvlPages
 from rovtwin.links.waterlinked.dvl_wire import (
     CONFIG,

@@ -13,8 +13,8 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
 from rovtwin.links.http_wire import Request
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
 from rovtwin.links.waterlinked import ugps_wire as wire
 from rovtwin.links.waterlinked.ugps_wire import AcousticPosition, MapPosition
 from rovtwin.links.waterlinked.web import MOST_CLIENTS, outcome, serving_pages

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.http_wire import LONGEST_HEAD, Request, parse_request, response_bytes
-from rovtwin.links.tcp_server import Client, open_tcp_server
+from rovtwin.links.servers.tcp_server import Client, open_tcp_server
 
 PATIENCE = 10.0  # for a whole request, and between two on one connection [s of real time]
 MOST_CLIENTS = 32  # connections; browsers open six each

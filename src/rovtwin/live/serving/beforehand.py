@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rovtwin.links import registry
-from rovtwin.links.server import Server
+from rovtwin.links.servers.server import Server
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.analysis.stability import by_products, hang, stability, steady_speed
 

@@ -8,7 +8,7 @@ from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.live.serving.vehicle import ServedOutput, orders, served_of
 from rovtwin.scenario.schema import Scenario
 

@@ -11,7 +11,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.yamlfile import read_yaml
 from rovtwin.links import registry
 from rovtwin.links.endpoint import Endpoint, ServeContext, Where
-from rovtwin.links.server import Server
+from rovtwin.links.servers.server import Server
 from rovtwin.runs.compose.composition import vehicle_of, water_density
 from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.schema import Scenario

@@ -12,8 +12,8 @@ from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, as_array
 from rovtwin.core.sensors import kind_of
 from rovtwin.core.user_files.yamlfile import parse_yaml
-from rovtwin.links.pilot_command import PilotCommand
 from rovtwin.links.replay import readings_of
+from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.live.serving.vehicle import OF_A_DRONE, drones_of
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import rotated, sensors_of

@@ -9,9 +9,9 @@ from typing import Protocol
 
 from rovtwin.core.flow import Measurement
 from rovtwin.core.processes.urgent import settle, urgent
-from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.protocol_process import Protocols
-from rovtwin.links.server import Server
+from rovtwin.links.servers.pilot_command import PilotCommand
+from rovtwin.links.servers.protocol_process import Protocols
+from rovtwin.links.servers.server import Server
 from rovtwin.live.serving.truth_log import truth_log
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.runs.pace import SLIP, Pace

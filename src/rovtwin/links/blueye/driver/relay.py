@@ -11,7 +11,7 @@ import sys
 from collections.abc import Awaitable, Callable, Sequence
 
 from rovtwin.core.errors import LinkError
-from rovtwin.links.server import address_taken
+from rovtwin.links.servers.server import address_taken
 
 PORTS = (80, 5555, 5556, 5557, 8554)  # HTTP, telemetry, requests, control, RTSP (its TCP part)
 CHUNK = 65536  # bytes passed on at a time

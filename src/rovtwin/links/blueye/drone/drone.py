@@ -8,7 +8,7 @@ from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.drone.clients import Clients
 from rovtwin.links.blueye.mission.notes import ABORTED_NOW, UNSPECIFIED, WARNING, Note
 from rovtwin.links.blueye.mission.supervisor import READY, RUNNING, Here, Supervisor
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 
 FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]

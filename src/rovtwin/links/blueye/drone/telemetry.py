@@ -12,7 +12,7 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye.drone.contents import SENSORS, Contents
 from rovtwin.links.blueye.drone.drone import Drone
 from rovtwin.links.blueye.wire import FASTEST
-from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.servers.served_vehicle import ServedVehicle
 
 # Message -> rate [Hz] until a client sets another. The maker does not print its own; these are such that a client
 # which sets nothing can steer by them.

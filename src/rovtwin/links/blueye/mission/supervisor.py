@@ -1,7 +1,7 @@
 """Mission: the supervisor of a drone that flies a client's mission, instruction by instruction. No sockets here.
 
-The vehicle's own controller keeps a target (`links.pilot_command.PilotCommand.target`); the supervisor moves that
-target at the speed that the instruction asks for, and waits where the vehicle does not follow. Times are the vehicle's.
+The vehicle's own controller keeps a target (`PilotCommand.target`); the supervisor moves that target at the speed that
+the instruction asks for, and waits where the vehicle does not follow. Times are the vehicle's.
 """
 
 import math

@@ -8,7 +8,7 @@ from typing import Any
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.services.http import HttpServer
 from rovtwin.links.blueye.wire import LARGEST
-from rovtwin.links.server import address_taken
+from rovtwin.links.servers.server import address_taken
 
 TELEMETRY, REQUESTS, CONTROL = 5555, 5556, 5557  # fixed in the SDK
 QUEUE = 200  # messages from one client that wait

@@ -10,7 +10,7 @@ from rovtwin.links.mavlink.firmware.missions import Missions
 from rovtwin.links.mavlink.firmware.parameters import Parameters
 from rovtwin.links.mavlink.mixing import Mixer, clean_axes
 from rovtwin.links.mavlink.modes import ALT_HOLD, GUIDED, MANUAL, MODES, SURFACE, Mode, refusal
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 
 EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # MAV_SEVERITY
 SURFACE_DEPTH = 0.1  # from here on it is at the surface, ArduSub's parameter of that name [m]

@@ -7,7 +7,7 @@ from typing import Any
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.mavlink.wire import Decoder
-from rovtwin.links.server import address_taken
+from rovtwin.links.servers.server import address_taken
 
 BACKED_UP = 64 * 1024  # bytes that a TCP peer may be behind; what comes then is dropped for it
 

@@ -13,7 +13,7 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.firmware.autopilot import Autopilot
 from rovtwin.links.mavlink.firmware.guided import Place
 from rovtwin.links.rotations import rotation_from_euler
-from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.servers.served_vehicle import ServedVehicle
 
 FIX_LASTS = 4.0  # a position is a fix for so long, as ArduPilot trusts a GPS [s]
 SMOOTHED, JUDGED = 5.0, 2.0  # cut-off of the mean and of the deviation that ArduPilot calls vibration [Hz]

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 
 from rovtwin.core.flow import Measurement
-from rovtwin.links.pilot_command import PilotCommand
+from rovtwin.links.servers.pilot_command import PilotCommand
 
 BACKLOG = 64  # batches of readings that a slow server may be behind before it loses the oldest
 

@@ -5,7 +5,7 @@ import ipaddress
 from collections.abc import Sequence
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.links.served_vehicle import ServedVehicle
+from rovtwin.links.servers.served_vehicle import ServedVehicle
 
 
 class Server(abc.ABC):

@@ -11,9 +11,9 @@ import pytest
 from tests.links.sensors import connect, free_port, is_closed, wait_until
 from tests.links.serving import serving
 
-from rovtwin.links import tcp_server as open_tcp_server
 from rovtwin.links.qualisys import wire
 from rovtwin.links.qualisys.server import QtmServer
+from rovtwin.links.servers import tcp_server as open_tcp_server
 from rovtwin.links.waterlinked.dvl_server import DvlServer
 from rovtwin.links.waterlinked.ugps_server import UgpsServer
 

@@ -11,11 +11,11 @@ import pytest
 
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Measurement
-from rovtwin.links import protocol_process as apart
-from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.protocol_process import Protocols
-from rovtwin.links.served_vehicle import BACKLOG, ServedVehicle
-from rovtwin.links.server import Server, require_loopback
+from rovtwin.links.servers import protocol_process as apart
+from rovtwin.links.servers.pilot_command import PilotCommand
+from rovtwin.links.servers.protocol_process import Protocols
+from rovtwin.links.servers.served_vehicle import BACKLOG, ServedVehicle
+from rovtwin.links.servers.server import Server, require_loopback
 
 
 @dataclass

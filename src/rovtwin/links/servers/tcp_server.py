@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 from rovtwin.core.errors import LinkError
-from rovtwin.links.server import address_taken
+from rovtwin.links.servers.server import address_taken
 
 MOST_CLIENTS = 16
 IDLE = 5.0  # after this a client gives way to a new one where there are too many: of what, see `open_tcp_server` [s]

@@ -17,9 +17,9 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.core.processes.urgent import settle, urgent
-from rovtwin.links.pilot_command import PilotCommand
-from rovtwin.links.served_vehicle import ServedVehicle
-from rovtwin.links.server import Server
+from rovtwin.links.servers.pilot_command import PilotCommand
+from rovtwin.links.servers.served_vehicle import ServedVehicle
+from rovtwin.links.servers.server import Server
 
 PILOT_COMMAND_LIFE = COMMAND_LIFE  # a command older than this counts no more [s]
 GONE = "it ended, or was killed; thrusters are off"
