@@ -129,6 +129,14 @@ LAYERS: dict[str, list[set[str]]] = {
         {"ardusub_json", "blueye", "mavlink", "qualisys", "registry", "remote_link", "replay", "twin", "waterlinked"},
         {"ros2"},
     ],
+    "console/engine": [
+        {"manoeuvres", "steering", "world"},
+        {"experiment_helm", "helm", "reporting"},
+        {"flights", "vehicle_session"},
+        {"switch", "ticker"},
+        {"engine"},
+        {"bridge"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

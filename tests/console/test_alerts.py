@@ -3,7 +3,7 @@
 import pytest
 from tests.console import messages
 
-from rovtwin.console.engine.alerts import alerts
+from rovtwin.console.engine.reporting.alerts import alerts
 
 DEAD = {"position": {"age": 40.0, "value": [0, 0]}}
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rovtwin.console.engine.checks import MOST, faults, kept, require_none
+from rovtwin.console.engine.reporting.checks import MOST, faults, kept, require_none
 from rovtwin.core.errors import ConfigError
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.feasibility.point_numbers import counted, named

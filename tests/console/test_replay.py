@@ -11,7 +11,7 @@ import pytest
 from tests.console.loops import ran
 from tests.console.messages import state as state_of_a_flight
 
-from rovtwin.console.engine.state import Consistency, SensorStatus, band
+from rovtwin.console.engine.reporting.state import Consistency, SensorStatus, band
 from rovtwin.console.history import history
 from rovtwin.console.marks import marks_of
 from rovtwin.console.replay import Recording

@@ -14,7 +14,7 @@ from tests.identification.synthetic import record, steps_command
 from tests.monitoring.test_flight import DT, ticks_of
 
 from rovtwin.console.engine.flights import FlightLog
-from rovtwin.console.engine.watching import IN_A_TEST, VehicleWatch
+from rovtwin.console.engine.reporting.watching import IN_A_TEST, VehicleWatch
 from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Progress, Reference, Setpoint, Slot, Wrench
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jnp

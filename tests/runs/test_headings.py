@@ -3,7 +3,7 @@
 import numpy as np
 from tests.runs.test_stalls import NO_SWAY, SECONDS, flown
 
-from rovtwin.console.engine.state import Changes
+from rovtwin.console.engine.reporting.state import Changes
 from rovtwin.core.flow import FINISHED, GO, GOING, HEADING_GIVEN_UP, HOLD
 from rovtwin.runs.scoring.decisions import decisions
 from rovtwin.runs.scoring.headings import unmet_headings

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.state import SHOWN, progress
+from rovtwin.console.engine.reporting.state import SHOWN, progress
 from rovtwin.console.replay import Recording
 from rovtwin.console.tape import Held
 from rovtwin.core.flow import PHASES

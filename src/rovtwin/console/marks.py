@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.clock import clock
-from rovtwin.console.engine.state import BY_OPERATOR, counted
+from rovtwin.console.engine.reporting.state import BY_OPERATOR, counted
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import BY_HAND
 from rovtwin.core.flow import PHASES

@@ -1,4 +1,4 @@
-"""A finished run, ready to be looked at: the state at any of its times, as `engine.state` tells it of a flight.
+"""A finished run, ready to be looked at: the state at any of its times, as `engine.reporting.state` tells it of a flight.
 
 What a log does not have is None in the state: the truth of a real flight, the filter of an identification test.
 """
@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.alerts import alerts
-from rovtwin.console.engine.setup import SIZE, described, values_of
-from rovtwin.console.engine.state import SensorStatus, flown
+from rovtwin.console.engine.reporting.alerts import alerts
+from rovtwin.console.engine.reporting.setup import SIZE, described, values_of
+from rovtwin.console.engine.reporting.state import SensorStatus, flown
 from rovtwin.console.planning import for_browser, row_from
 from rovtwin.console.tape import Consistency, readings_of, tape_of
 from rovtwin.core.errors import LogError, RovtwinError

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rovtwin.console.engine.state import WINDOW, judged
+from rovtwin.console.engine.reporting.state import WINDOW, judged
 from rovtwin.core.flow import PHASES, REASONS
 from rovtwin.core.log import Log
 
@@ -112,7 +112,7 @@ class Consistency:
         self._judged = lru_cache(maxsize=8192)(self._judged_at)
 
     def report(self, t: float) -> dict[str, Any]:
-        """As `engine.state.Consistency` tells it; renewed once a second."""
+        """As `engine.reporting.state.Consistency` tells it; renewed once a second."""
         return self._judged(int(t)) if self._names else {}
 
     def _judged_at(self, second: int) -> dict[str, Any]:

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.alerts import alerts, alerts_of_link
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.manoeuvres import Manoeuvres
-from rovtwin.console.engine.setup import setup_of
-from rovtwin.console.engine.state import Changes, counted, flown, plan_message
+from rovtwin.console.engine.reporting.alerts import alerts, alerts_of_link
+from rovtwin.console.engine.reporting.publisher import Publisher
+from rovtwin.console.engine.reporting.setup import setup_of
+from rovtwin.console.engine.reporting.state import Changes, counted, flown, plan_message
 from rovtwin.console.engine.switch import ArmSwitch
-from rovtwin.console.engine.telling import Publisher
 from rovtwin.console.engine.ticker import Ticker
 from rovtwin.console.engine.vehicle_session import EngineConfig, SessionBuilder, VehicleSession
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError

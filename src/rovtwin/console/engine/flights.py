@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.console.engine.reporting.watching import VehicleWatch
 from rovtwin.console.engine.steering import Steering
-from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.core.datum import utc_now
 from rovtwin.core.flow import FINISHED, PHASES, Measurements, Slot
 from rovtwin.core.log import LogWriter

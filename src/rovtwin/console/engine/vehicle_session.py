@@ -11,7 +11,7 @@ from typing import Any
 
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.helm import Helm
-from rovtwin.console.engine.watching import VehicleWatch
+from rovtwin.console.engine.reporting.watching import VehicleWatch
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source

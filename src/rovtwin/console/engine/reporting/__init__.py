@@ -1,0 +1,1 @@
+"""What an engine reports: states, alerts, faults of a plan, findings of the monitor, and what does not change."""
