@@ -137,6 +137,13 @@ LAYERS: dict[str, list[set[str]]] = {
         {"engine"},
         {"bridge"},
     ],
+    "console/web": [
+        {"assessing", "browser", "camera_stream", "gate", "mesh", "panels", "sea_check"},
+        {"drafting", "page", "sockets"},
+        {"hub"},
+        {"replays"},
+        {"app"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

@@ -274,7 +274,7 @@ def test_only_runs_in_the_folder_are_found(tmp_path, run):
 @pytest.fixture(scope="module")
 def replaying(recording):
     pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
-    from rovtwin.console.web.replaying import Replaying
+    from rovtwin.console.web.replays.replaying import Replaying
 
     return Replaying(recording, "short")
 
@@ -358,7 +358,7 @@ def test_nothing_else_can_be_ordered(replaying, order):
 
 
 def test_stop_reaches_what_flies_beside(recording, replaying):
-    from rovtwin.console.web.replaying import Replaying
+    from rovtwin.console.web.replays.replaying import Replaying
 
     async def look(one):
         return (await answers_to(one, one.come("a"), do="stop"))["reply"]
@@ -374,7 +374,7 @@ def test_stop_reaches_what_flies_beside(recording, replaying):
 
 
 def test_library_opens_a_run_once_and_lets_go_of_old_ones(tmp_path):
-    from rovtwin.console.web.replaying import OPEN, Library
+    from rovtwin.console.web.replays.replaying import OPEN, Library
 
     log = tmp_path / "mine" / "log.mcap"
     log.parent.mkdir()

@@ -1,4 +1,4 @@
-"""A finished run, ready to be looked at: the state at any of its times, as `engine.reporting.state` tells it of a flight.
+"""A finished run, ready to be looked at: the state at any of its times, as `reporting.state` tells it of a flight.
 
 What a log does not have is None in the state: the truth of a real flight, the filter of an identification test.
 """

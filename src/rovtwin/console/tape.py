@@ -112,7 +112,7 @@ class Consistency:
         self._judged = lru_cache(maxsize=8192)(self._judged_at)
 
     def report(self, t: float) -> dict[str, Any]:
-        """As `engine.reporting.state.Consistency` tells it; renewed once a second."""
+        """As `Consistency` tells it; renewed once a second."""
         return self._judged(int(t)) if self._names else {}
 
     def _judged_at(self, second: int) -> dict[str, Any]:

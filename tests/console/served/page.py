@@ -7,9 +7,9 @@ from fastapi.responses import FileResponse
 from nicegui import app, ui
 
 import rovtwin.console.web as web
-from rovtwin.console.web.events import events
-from rovtwin.console.web.plots import plots
-from rovtwin.console.web.scene import scene
+from rovtwin.console.web.panels.events import events
+from rovtwin.console.web.panels.plots import plots
+from rovtwin.console.web.panels.scene import scene
 
 STATIC = Path(web.__file__).parent / "static"
 VIEWS = {"scene": scene, "plots": plots, "events": events}

@@ -19,7 +19,7 @@ from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
-from rovtwin.console.web.replay_routes import add_replay
+from rovtwin.console.web.replays.routes import add_replay
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.wire import Place
 from rovtwin.core.errors import ConfigError, LinkError

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from rovtwin.console.web.chart import chart
-from rovtwin.console.web.hud import hud
-from rovtwin.console.web.thrusters import thrusters
+from rovtwin.console.web.panels.chart import chart
+from rovtwin.console.web.panels.hud import hud
+from rovtwin.console.web.panels.thrusters import thrusters
 
 Filler = Callable[[], None]
 
@@ -80,10 +80,10 @@ def section(name: str) -> Filler:
 
 
 def later(name: str) -> Filler:
-    """A view with a module of its own in `web/`."""
+    """A view with a module of its own in `panels`."""
     from importlib import import_module
 
     def fill() -> None:
-        getattr(import_module(f"rovtwin.console.web.{name}"), name)()
+        getattr(import_module(f"rovtwin.console.web.panels.{name}"), name)()
 
     return fill

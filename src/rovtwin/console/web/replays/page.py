@@ -6,10 +6,10 @@ from urllib.parse import quote
 from nicegui import ui
 
 from rovtwin.console.replay import Recording
-from rovtwin.console.web.chart import chart
-from rovtwin.console.web.hud import hud
 from rovtwin.console.web.page import bar, head, later, section, tabs
-from rovtwin.console.web.thrusters import thrusters
+from rovtwin.console.web.panels.chart import chart
+from rovtwin.console.web.panels.hud import hud
+from rovtwin.console.web.panels.thrusters import thrusters
 
 
 def replay_page(recording: Recording, run: str, flies: bool) -> None:

@@ -8,8 +8,8 @@ from nicegui import app, ui
 
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
-from rovtwin.console.web.replay_page import refused, replay_page
-from rovtwin.console.web.replaying import Library, Replaying, Stop
+from rovtwin.console.web.replays.page import refused, replay_page
+from rovtwin.console.web.replays.replaying import Library, Replaying, Stop
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError

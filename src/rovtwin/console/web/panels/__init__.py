@@ -1,0 +1,1 @@
+"""The parts of a page, each drawn by a module of `static/`."""
