@@ -144,6 +144,12 @@ LAYERS: dict[str, list[set[str]]] = {
         {"replays"},
         {"app"},
     ],
+    "console": [
+        {"assess", "clock", "control", "orders", "pictures", "planning", "wire", "worker"},
+        {"camera", "client", "engine", "launch", "video"},
+        {"replays"},
+        {"web"},
+    ],
     "cli": [
         {"output"},
         {"scenarios"},

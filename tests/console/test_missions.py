@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
 from rovtwin.console.engine.flights import FlightLog
-from rovtwin.console.marks import marks_of
-from rovtwin.console.replay import Recording
+from rovtwin.console.replays.marks import marks_of
+from rovtwin.console.replays.replay import Recording
 from rovtwin.core.flow import FINISHED, GO, PAUSED
 from rovtwin.core.log import Log, repair
 from rovtwin.core.log.maps import map_of

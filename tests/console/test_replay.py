@@ -12,10 +12,10 @@ from tests.console.loops import ran
 from tests.console.messages import state as state_of_a_flight
 
 from rovtwin.console.engine.reporting.state import Consistency, SensorStatus, band
-from rovtwin.console.history import history
-from rovtwin.console.marks import marks_of
-from rovtwin.console.replay import Recording
-from rovtwin.console.shelf import Shelf
+from rovtwin.console.replays.history import history
+from rovtwin.console.replays.marks import marks_of
+from rovtwin.console.replays.replay import Recording
+from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.wire import encode
 from rovtwin.core.errors import ConfigError, LogError, RovtwinError
 from rovtwin.core.flow import PHASES

@@ -72,7 +72,7 @@ def console(
     token = None if host in LOOPBACK else secrets.token_urlsafe(12)
     address = f"http://{host}:{port}/{f'?token={token}' if token else ''}"
     if replay is not None:
-        from rovtwin.console.replay import Recording
+        from rovtwin.console.replays.replay import Recording
 
         if link != "twin://" or sensor or camera:
             raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link, --sensor and --camera")

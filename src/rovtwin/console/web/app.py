@@ -11,8 +11,8 @@ from fastapi import Response, WebSocket
 from fastapi.responses import RedirectResponse, StreamingResponse
 from nicegui import app, ui
 
-from rovtwin.console.replay import Recording
-from rovtwin.console.shelf import Shelf
+from rovtwin.console.replays.replay import Recording
+from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
 from rovtwin.console.web.gate import Gate, Guard

@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from rovtwin.console.replay import Recording
+from rovtwin.console.replays.replay import Recording
 from rovtwin.console.web.page import bar, head, later, section, tabs
 from rovtwin.console.web.panels.chart import chart
 from rovtwin.console.web.panels.hud import hud

@@ -11,10 +11,10 @@ from urllib.parse import quote
 
 import numpy as np
 
-from rovtwin.console.history import history
-from rovtwin.console.marks import marks_of
-from rovtwin.console.replay import LOG, Recording
-from rovtwin.console.shelf import Shelf
+from rovtwin.console.replays.history import history
+from rovtwin.console.replays.marks import marks_of
+from rovtwin.console.replays.replay import LOG, Recording
+from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.hub import answer
 from rovtwin.console.web.mesh import vehicle_glb
@@ -66,7 +66,7 @@ class Replaying:
 
     @cached_property
     def history(self) -> bytes:
-        """All of the run, thinned: see `console.history`."""
+        """All of the run, thinned: see `console.replays.history`."""
         return history(self.recording)
 
     def come(self, name: str) -> Seat:

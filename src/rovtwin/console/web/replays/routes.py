@@ -6,8 +6,8 @@ from collections.abc import Callable
 from fastapi import Response, WebSocket
 from nicegui import app, ui
 
-from rovtwin.console.replay import Recording
-from rovtwin.console.shelf import Shelf
+from rovtwin.console.replays.replay import Recording
+from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.replays.page import refused, replay_page
 from rovtwin.console.web.replays.replaying import Library, Replaying, Stop
 from rovtwin.console.web.sockets import serve

@@ -1,7 +1,7 @@
 /** All of a replayed run at once, thinned, for the lines that views draw behind the vehicle: message `track`. */
 import {live} from '/static/live.js';
 
-/** States from the block of numbers that `console/history.py` makes; what is not there is left out. */
+/** States from the block of numbers that `console/replays/history.py` makes; what is not there is left out. */
 export function unfold(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));

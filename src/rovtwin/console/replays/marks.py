@@ -7,8 +7,8 @@ import numpy as np
 
 from rovtwin.console.clock import clock
 from rovtwin.console.engine.reporting.state import BY_OPERATOR, counted
-from rovtwin.console.replay import Recording
-from rovtwin.console.shelf import BY_HAND
+from rovtwin.console.replays.replay import Recording
+from rovtwin.console.replays.shelf import BY_HAND
 from rovtwin.core.flow import PHASES
 from rovtwin.runs.scoring.decisions import courses, losses
 

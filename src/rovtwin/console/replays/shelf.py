@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rovtwin.console.replay import LOG
+from rovtwin.console.replays.replay import LOG
 from rovtwin.core.errors import ConfigError
 
 MOST = 300  # that are listed

@@ -12,7 +12,7 @@ from rovtwin.console.engine.reporting.alerts import alerts
 from rovtwin.console.engine.reporting.setup import SIZE, described, values_of
 from rovtwin.console.engine.reporting.state import SensorStatus, flown
 from rovtwin.console.planning import for_browser, row_from
-from rovtwin.console.tape import Consistency, readings_of, tape_of
+from rovtwin.console.replays.tape import Consistency, readings_of, tape_of
 from rovtwin.core.errors import LogError, RovtwinError
 from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Measurement, Reference, Setpoint, Wrench
 from rovtwin.core.log import Log

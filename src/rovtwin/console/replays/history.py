@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.reporting.state import SHOWN, progress
-from rovtwin.console.replay import Recording
-from rovtwin.console.tape import Held
+from rovtwin.console.replays.replay import Recording
+from rovtwin.console.replays.tape import Held
 from rovtwin.core.flow import PHASES
 from rovtwin.core.sensors import kind_of
 

@@ -1,0 +1,1 @@
+"""Finished runs: found, and their states at any time as the engine tells them of a flight."""
