@@ -28,7 +28,7 @@ SMOKE = (
     "tests/vehicle",
     "tests/survey",
     "tests/campaign/test_draws.py",
-    "tests/console/test_hub.py",
+    "tests/console/web/test_hub.py",
     "tests/console/test_orders.py",
     "tests/console/test_planning.py",
     "tests/console/test_wire.py",

@@ -163,7 +163,7 @@ def find_links() -> set[str]:
     while rest:
         for cls in rest.pop().__subclasses__():
             rest.append(cls)
-            # The console's twin may be armed again after a stop: tests/console/test_world.py.
+            # The console's twin may be armed again after a stop: tests/console/engine/test_world.py.
             if cls.__module__.startswith("rovtwin.links.") and not inspect.isabstract(cls):
                 links.add(f"{cls.__module__}.{cls.__qualname__}".removeprefix("rovtwin.links."))
     return links

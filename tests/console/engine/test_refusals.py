@@ -5,7 +5,7 @@ import time
 from typing import get_args
 
 import pytest
-from tests.console.test_engine import armed, engine  # noqa: F401  (a fixture)
+from tests.console.engine.test_engine import armed, engine  # noqa: F401  (a fixture)
 
 zmq = pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 

@@ -391,7 +391,7 @@ def test_values_that_no_vehicle_has_are_named():
     assert "damping in yaw is negative at 0.001 rad/s" in text
 
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 @pytest.fixture(scope="module")
