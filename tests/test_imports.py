@@ -8,6 +8,7 @@ The sources are parsed, not imported: the test is quick, and it also sees import
 
 import ast
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -43,6 +44,8 @@ RULES: dict[str, set[str]] = {
     "__init__": LIBRARIES | {"scenario", "api"},  # lazily, see PROMPT
 }
 EVERYWHERE = {"_version"}
+FACES = ("__init__", "__main__")  # of a package: they stand above its rooms
+MOST_MODULES = 16  # in a folder, so that a newcomer sees at a glance what is there
 WHERE_RULES_ARE = "RULES in tests/test_imports.py"
 # Rooms and modules inside a package, the lowest first: each imports its own line and the lines above it.
 LAYERS: dict[str, list[set[str]]] = {
@@ -262,8 +265,7 @@ def violations(path: Path, package: Path) -> list[str]:
 
 def upward(path: Path, package: Path) -> list[str]:
     """Imports inside a package that point up its LAYERS, and modules that have no place in them."""
-    faces = ("__init__", "__main__")  # of a package: they stand above its rooms
-    inside = [p for p in LAYERS if (package / p) in path.parents and path.relative_to(package / p).stem not in faces]
+    inside = [p for p in LAYERS if (package / p) in path.parents and path.relative_to(package / p).stem not in FACES]
     return [line for part in inside for line in _upward(path, package, part)]
 
 
@@ -281,6 +283,17 @@ def _upward(path: Path, package: Path, inside: str) -> list[str]:
         # A name that is no room is one of the package's lazy face, which may lead anywhere.
         for target in [item.name.removeprefix(prefix).split(".")[0] if item.name.startswith(prefix) else "the package"]
         if target in above or target not in level
+    ]
+
+
+def crowded(package: Path) -> list[str]:
+    """Folders with more than MOST_MODULES modules, the package's faces not counted."""
+    counts = Counter(path.parent for path in package.rglob("*.py") if path.stem not in FACES)
+    return [
+        f"{folder.relative_to(package)} holds {count} modules, more than {MOST_MODULES}: cut it into rooms, see "
+        "docs/architecture.md."
+        for folder, count in sorted(counts.items())
+        if count > MOST_MODULES
     ]
 
 
@@ -324,6 +337,20 @@ def test_imports_point_downwards(path: Path):
 @pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(PACKAGE)) for p in FILES])
 def test_rooms_import_downwards(path: Path):
     assert not (wrong := upward(path, PACKAGE)), "\n" + "\n".join(wrong)
+
+
+def test_no_folder_is_crowded():
+    assert not (found := crowded(PACKAGE)), "\n" + "\n".join(found)
+
+
+def test_a_crowded_folder_is_found(tmp_path: Path):
+    (tmp_path / "gnc").mkdir()
+    for name in ("__init__", "__main__", *(f"part_{i}" for i in range(MOST_MODULES))):
+        (tmp_path / "gnc" / f"{name}.py").write_text("")
+    assert crowded(tmp_path) == []
+    (tmp_path / "gnc" / "one_more.py").write_text("")
+    (wrong,) = crowded(tmp_path)
+    assert wrong.startswith(f"gnc holds {MOST_MODULES + 1} modules")
 
 
 def test_no_circle_of_imports():
