@@ -69,7 +69,7 @@ def replay_rig() -> LinkRig:
     return LinkRig(link, wait, link.read, lambda: link.command)
 
 
-def hosted_rig() -> LinkRig:
+def remote_rig() -> LinkRig:
     """A link that believes every command for ever, hosted in a thread; the process is tested by itself."""
     inner: list[PlainLink] = []
 

@@ -5,9 +5,9 @@ Nothing is computed: JAX traces `init` and `step` once. `rovtwin.testing.check_b
 
 from typing import Any
 
+from rovtwin.core.arrays.flat import EXACT
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.flat import EXACT
 from rovtwin.core.numerics import jax
 
 
