@@ -55,6 +55,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"log", "markers", "numerics"},
         {"block", "flow", "frames"},
         {"arrays", "link"},
+        {"contract"},
     ],
     "vehicle": [{"constants", "solids"}, {"physics"}, {"description"}, {"analysis"}, {"outfitting"}],
     "gnc": [
