@@ -1,4 +1,4 @@
-"""The views with a fake live module: `python tests/console/page.py PORT [MESH]`, then /scene?play=1, or /all."""
+"""The views with a fake live module: `python tests/console/served/page.py PORT [MESH]`, then /scene?play=1, or /all."""
 
 import sys
 from pathlib import Path
