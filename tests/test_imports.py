@@ -50,7 +50,7 @@ WHERE_RULES_ARE = "RULES in tests/test_imports.py"
 # Rooms and modules inside a package, the lowest first: each imports its own line and the lines above it.
 LAYERS: dict[str, list[set[str]]] = {
     "core": [
-        {"errors", "sensors"},
+        {"errors", "notebook", "sensors"},
         {"datum", "extras", "plugins", "processes", "user_files", "vision"},
         {"log", "markers", "numerics"},
         {"block", "flow", "frames"},
@@ -130,7 +130,18 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "links": [
         {"background", "clock", "endpoint", "host", "http_wire", "local_link", "rotations", "servers", "url"},
-        {"ardusub_json", "blueye", "mavlink", "qualisys", "registry", "remote_link", "replay", "twin", "waterlinked"},
+        {
+            "ardusub_json",
+            "blueye",
+            "cerulean",
+            "mavlink",
+            "qualisys",
+            "registry",
+            "remote_link",
+            "replay",
+            "twin",
+            "waterlinked",
+        },
         {"ros2"},
     ],
     "console/engine": [

@@ -16,6 +16,8 @@ from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Channel, Log, LogWriter
 from rovtwin.core.log.files import keeping
 from rovtwin.core.notebook import html_table
+from rovtwin.core.user_files.files import write_text
+from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.runs.compose.composition import Simulation, compose
 from rovtwin.runs.compose.fitting import assumptions
 from rovtwin.runs.compose.sensors import assumed_sensors

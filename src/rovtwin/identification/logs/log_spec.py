@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from rovtwin.core.user_files.config import Degrees3, NonNegative, Number, Strict, Vector3, near
 from rovtwin.core.plugins import READERS, installed
+from rovtwin.core.user_files.config import Degrees3, NonNegative, Number, Strict, Vector3, near
 from rovtwin.identification.logs.record import SIGNALS
 
 Column = int | str

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rovtwin.core.user_files.config import near
 from rovtwin.core.errors import IdentificationError, RovtwinError
 from rovtwin.core.plugins import READERS, installed, load
+from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.evidence_file import Evidence, LogSpec, Use
 from rovtwin.identification.logs.log_spec import SourceSpec
 from rovtwin.identification.logs.readers.assemble import Part, part_of
