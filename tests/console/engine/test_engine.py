@@ -13,8 +13,6 @@ pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin
 from rovtwin.cli.flight.console import _require_flyable
 from rovtwin.console.engine import engine as module
 from rovtwin.console.engine import flights, ticker, vehicle_session
-from rovtwin.console.engine import flights, ticker
-from rovtwin.console.engine import vehicle_session as vessel
 from rovtwin.console.engine.bridge import Bridge
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.reporting.state import Changes, plan_message

@@ -13,7 +13,6 @@ from rovtwin.console.clock import lasting
 from rovtwin.console.engine.engine import Engine
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.helm import Helm
-from rovtwin.console.engine.reporting.state import counted
 from rovtwin.console.engine.reporting.checks import Check, faults, kept, require_none
 from rovtwin.console.engine.reporting.state import counted
 from rovtwin.console.engine.vehicle_session import VehicleSession

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.reporting.state import Consistency, SensorStatus, flown
-from rovtwin.console.engine.reporting.state import Consistency, SensorStatus, flown
 from rovtwin.console.engine.vehicle_session import VehicleSession
 from rovtwin.runs.pace import SLIP, Clock, Pace
 
