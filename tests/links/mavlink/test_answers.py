@@ -305,7 +305,7 @@ def test_lists_that_are_wrong_are_refused_and_change_nothing(kind, items, result
 
 
 def test_an_upload_asks_again_and_gives_up(monkeypatch):
-    from rovtwin.links.mavlink.services.other_requests import mission_service
+    from rovtwin.links.mavlink.services import mission_service
 
     monkeypatch.setattr(mission_service, "SILENT", 1.5)
     monkeypatch.setattr(mission_service, "ASK_AGAIN", 0.3)
