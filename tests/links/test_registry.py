@@ -11,6 +11,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS
 from rovtwin.links import registry
 from rovtwin.links.endpoint import Endpoint
+from rovtwin.links.url import Url
 from rovtwin.live.connect import connect, described, opener, source
 from rovtwin.live.serving.beforehand import command_line
 from rovtwin.live.serving.protocols import known, servers_of, world_for
@@ -124,3 +125,26 @@ def test_listing_needs_no_numerics():
     code = "import sys; from rovtwin.links.registry import forms; forms('link'); print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    "rest, own",
+    [
+        ("127.0.0.1:8080", True),
+        ("udpin:127.0.0.1:14550", True),
+        ("127.0.0.2,127.0.0.3", True),
+        ("127.0.0.1,rov.local", False),
+        ("127.0.0.1.example.com", False),
+        ("192.168.1.101", False),
+        ("", False),
+    ],
+)
+def test_only_addresses_of_this_machine_by_number_are_its_own(rest, own):
+    assert Url("", "x", rest).is_loopback is own
+
+
+def test_a_protocol_that_serves_no_clients_is_refused_where_clients_are_served():
+    scenario = world_for("bluerov2_heavy", [], None)
+    vehicle = type("Vehicle", (), {"drones": ("",), "largest": {"": [1.0] * 6}, "fastest": [1.0] * 6})()
+    with pytest.raises(ConfigError, match="ardusub-json: found a protocol that serves no clients"):
+        servers_of(["ardusub-json"], scenario, vehicle, {})

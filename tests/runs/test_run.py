@@ -11,6 +11,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log
 from rovtwin.core.notebook import html_table
+from rovtwin.core.numerics import in_one_piece
+from rovtwin.runs import loop as loops
 from rovtwin.runs.batch import score_batch, score_seeds
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.fly import fly
@@ -73,10 +75,9 @@ def test_a_run_in_memory_is_the_run_on_disk(flight, short):
     assert flight.log.equal_data(fly(short).log)
 
 
-def test_progress_says_when_a_long_run_is_compiled_again(short, monkeypatch):
-    monkeypatch.setattr("rovtwin.runs.fly.SHORT", 150)
+def test_progress_says_when_a_long_run_is_compiled_again(short):
     seen = []
-    fly(short, progress=lambda t, phase: seen.append((round(t), "compiling" in phase)))
+    fly(short, progress=lambda t, phase: seen.append((round(t), "compiling" in phase)), short=150)
     assert [t for t, again in seen if again] == [3] and len(seen) > 10
 
 
@@ -106,12 +107,16 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     np.testing.assert_array_equal(compiled.measurements["gyro"].valid, ticked.measurements["gyro"].valid)
 
 
-@pytest.mark.slow
-def test_a_long_run_goes_on_with_the_optimised_program_where_it_was(short):
+def test_a_long_run_goes_on_with_the_optimised_program_where_it_was(short, monkeypatch):
+    """The only test of the optimised program: the others set XLA's level to 0 for all (tests/conftest.py)."""
+    static = {"static_argnames": ("layouts", "ticks", "control_dt"), "donate_argnames": "memory"}
+    optimised = in_one_piece(loops._advance_flat, compiler_options={"xla_backend_optimization_level": 3}, **static)
+    monkeypatch.setitem(loops._advance, False, optimised)
     run = compose(short)
     given = run.loop, run.key, run.start, short.control_dt, 50
-    loops = [HostLoop(*given, short=ticks) for ticks in (0, 100, 10**9)]
-    flown = [joined([loop.advance() for _ in range(4)]) for loop in loops]
+    flown = [
+        joined([host.advance() for _ in range(4)]) for host in (HostLoop(*given, short=k) for k in (0, 100, 10**9))
+    ]
     for other in flown[1:]:
         for one, two in zip(jax.tree.leaves(flown[0].state), jax.tree.leaves(other.state), strict=True):
             np.testing.assert_allclose(two, one, atol=1e-9)

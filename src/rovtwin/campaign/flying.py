@@ -25,7 +25,7 @@ def fly_samples(
     Args:
         text: The complete campaign as JSON.
         indices: Of the samples.
-        lanes: How many fly side by side; 1: one after the other, with the scores of `rovtwin fly` to the last bit.
+        lanes: How many fly side by side; 1: one after the other, with the scores of `fly --replay` to the last bit.
         version: Of rovtwin where the results go to.
         look: Called about once a simulated second; what it raises ends the flight.
 
@@ -70,7 +70,7 @@ def _fly_group(campaign: Campaign, runs: dict[int, Simulation], lanes: int, look
     summaries: Sequence[dict[str, Any] | str]
     try:
         if lanes == 1:
-            summaries = [score_run(run, lambda _: look()) for run in runs.values()]
+            summaries = [score_run(run, lambda _: look(), short=0) for run in runs.values()]
         else:
             # Filled up to the full number, so that there is one program and not one for each size.
             padded = [*runs.values(), *[next(iter(runs.values()))] * (lanes - len(runs))]

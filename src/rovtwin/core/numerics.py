@@ -109,6 +109,10 @@ def jit_once(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
     return call
 
 
+# How XLA says that it cannot compile something into one piece.
+_NOT_WHOLE = ("UNIMPLEMENTED", "Failed to materialize symbols")
+
+
 def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options: Any) -> Callable[..., Any]:
     """`jax.jit` of a function that is called often and does little at a time, as a tick in real time does.
 
@@ -143,13 +147,15 @@ def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options:
     def call(*arguments: Any, **static: Any) -> Any:
         if not compiled:  # not before the first call, as the backend starts with it
             how: dict[str, Any] = options | ({"compiler_options": unoptimised()} if quickly else {})
-            compiled["plain"] = jax.jit(function, **how)
-            compiled["whole"] = jax.jit(whole, **how) if jax.default_backend() == "cpu" else compiled["plain"]
+            plain = jax.jit(function, **how)
+            compiled.update(plain=plain, whole=jax.jit(whole, **how) if jax.default_backend() == "cpu" else plain)
         key = tuple(static.values())
         if key not in not_whole:
             try:
                 return compiled["whole"](*arguments, **static)
-            except jax.errors.JaxRuntimeError as error:  # an error of the function itself comes again below
+            except jax.errors.JaxRuntimeError as error:
+                if not any(sign in str(error) for sign in _NOT_WHOLE):  # of the function itself
+                    raise
                 logger.debug("not in one piece: %s", error)
                 not_whole.add(key)
         return compiled["plain"](*arguments, **static)

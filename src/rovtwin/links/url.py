@@ -8,6 +8,8 @@ from urllib.parse import unquote, urlsplit
 
 from rovtwin.core.errors import ConfigError
 
+_OWN = re.compile(r"(?:[a-z]+:)?127(?:\.\d{1,3}){3}(?::\d+)?(?:/.*)?")  # an address of this machine, by number
+
 
 @dataclass(frozen=True)
 class Url:
@@ -66,9 +68,8 @@ class Url:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether it names addresses by number, and all of them are this machine's own."""
-        hosts = [host for part in self.rest.split(",") for host in re.findall(r"\d+\.\d+\.\d+\.\d+", part)]
-        return bool(hosts) and all(host.startswith("127.") for host in hosts)
+        """Whether it names addresses by number only, and all of them are this machine's own."""
+        return all(_OWN.fullmatch(part.strip()) for part in self.rest.split(","))
 
 
 def _parse_option(part: str, known: Mapping[str, str], where: str, scheme: str) -> tuple[str, tuple[float, ...]]:

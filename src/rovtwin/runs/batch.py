@@ -9,13 +9,14 @@ from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.runs.compose.composition import Simulation, compose
 from rovtwin.runs.feasibility.mission import require_feasible
-from rovtwin.runs.loop import advance_batch, stack, start_batch
+from rovtwin.runs.loop import SHORT, advance_batch, stack, start_batch
 from rovtwin.runs.recording.recorder import Recorder
 from rovtwin.runs.run import CHUNK, chunks, ticks_in, until_the_end
 from rovtwin.runs.scoring.scores import Flown, nees_interval
 from rovtwin.runs.scoring.summary import summarise
 from rovtwin.scenario.schema import Scenario
 
+FEW = 16  # runs of one program; with more, what optimising it takes is won back
 Progress = Callable[[float, str], None]  # share of the work done, 0 to 1, and what is going on
 
 
@@ -37,12 +38,12 @@ def score_seeds(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
     Raises:
         ConfigError: It cannot be composed, or the vehicle can do nothing useful of its mission.
     """
-    results = []
+    results, short = [], SHORT if len(seeds) <= FEW else 0
     for i, seed in enumerate(seeds):
         run = _feasible(scenario, seed)
         results.append(
             {"seed": seed}
-            | score_run(run, lambda share, i=i, seed=seed: progress((i + share) / len(seeds), f"seed {seed}"))
+            | score_run(run, lambda share, i=i, seed=seed: progress((i + share) / len(seeds), f"seed {seed}"), short)
         )
     return results
 
@@ -58,16 +59,17 @@ def _feasible(scenario: Scenario, seed: int) -> Simulation:
     return run
 
 
-def score_run(run: Simulation, progress: Callable[[float], None] = _nothing) -> dict[str, Any]:
-    """Fly one run; its summary, which is that of `fly` to the last bit.
+def score_run(run: Simulation, progress: Callable[[float], None] = _nothing, short: int = SHORT) -> dict[str, Any]:
+    """Fly one run; its summary, which is that of `fly` with the same `short` to the last bit.
 
     Args:
         run: Composed scenario.
         progress: Called about once a simulated second with the share of the work done, 0 to 1.
+        short: From this tick on the program is optimised; 0 for many runs of one program, which are over sooner so.
     """
     scenario = run.scenario
     recorder = Recorder(scenario)
-    for record in chunks(run.loop, run.key, run.start, scenario.control_dt, scenario.duration):
+    for record in chunks(run.loop, run.key, run.start, scenario.control_dt, scenario.duration, short):
         recorder.take(record)
         progress(recorder.seconds / scenario.duration)
     progress(1.0)

@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -98,6 +99,7 @@ def fly(
     refuse: bool = True,
     truth: Model | None = None,
     own: Mapping[str, Block] | None = None,
+    short: int = SHORT,
 ) -> Flight:
     """Fly a scenario.
 
@@ -113,6 +115,7 @@ def fly(
         refuse: Whether a mission of which it can do nothing is refused.
         truth: The vehicle as it truly is, before what the world does to it; None: as the scenario makes it.
         own: Blocks that were handed over in Python, by key of the scenario's autopilot.
+        short: From this tick on the program is optimised, see `loop.SHORT`; a campaign's samples are flown with 0.
 
     Returns:
         The flight. Ctrl-C ends the run, not the program: what was flown is logged, scored and reported.
@@ -131,10 +134,11 @@ def fly(
         for line in (*assumptions(scenario, simulation.scenario), *([assumed] if assumed else [])):
             say(line)
     scenario = simulation.scenario
+    how = _How(realtime, progress, short)
     if folder is None:
-        return _in_memory(scenario, simulation, realtime, progress)
+        return _in_memory(scenario, simulation, how)
     folder = new_folder(folder)
-    summary = _into_folder(scenario, simulation, folder, realtime, progress, camera or film, film)
+    summary = _into_folder(scenario, simulation, folder, how, camera or film, film)
     flight = Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
     if report:
         from rovtwin.report import write_report
@@ -144,11 +148,19 @@ def fly(
     return flight
 
 
-def _in_memory(scenario: Scenario, simulation: Simulation, realtime: bool, progress: Progress | None) -> Flight:
+class _How(NamedTuple):
+    """By the wall clock or compiled, to whom progress is reported, and from which tick on the program is optimised."""
+
+    realtime: bool
+    progress: Progress | None
+    short: int
+
+
+def _in_memory(scenario: Scenario, simulation: Simulation, how: _How) -> Flight:
     channels = _channels(scenario, simulation)
     pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}
     recorder = Recorder(scenario, lambda name, t, values: pieces[name].append((t, values)))
-    interrupted = _run(simulation, scenario, [recorder.take], recorder, realtime, progress)
+    interrupted = _run(simulation, scenario, [recorder.take], recorder, how)
     flown = recorder.flown()
     summary = summarise(flown, simulation, interrupted)
     data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(flown, scenario)
@@ -160,8 +172,7 @@ def _into_folder(
     scenario: Scenario,
     simulation: Simulation,
     folder: Path,
-    realtime: bool,
-    progress: Progress | None,
+    how: _How,
     camera: bool,
     film: bool,
 ) -> dict[str, Any]:
@@ -175,7 +186,7 @@ def _into_folder(
         takers = [recorder.take]
         if camera:
             takers.append(stack.enter_context(Filming(scenario, simulation.vehicle, folder, film)).take)
-        interrupted = _run(simulation, scenario, takers, recorder, realtime, progress)
+        interrupted = _run(simulation, scenario, takers, recorder, how)
         flown = recorder.flown()
         summary = summarise(flown, simulation, interrupted)
         for name, (t, values) in _scores(flown, scenario).items():
@@ -203,11 +214,10 @@ def _run(
     scenario: Scenario,
     takers: Sequence[Callable[[Record], None]],
     recorder: Recorder,
-    realtime: bool,
-    progress: Progress | None,
+    how: _How,
 ) -> bool:
     """Run to the end or to Ctrl-C; whether it was the latter."""
-    source = realtime_chunks if realtime else chunks
+    source = realtime_chunks if how.realtime else partial(chunks, short=how.short)
     stream: Iterator[Record] = source(
         simulation.loop, simulation.key, simulation.start, scenario.control_dt, scenario.duration
     )
@@ -216,11 +226,11 @@ def _run(
         for record in stream:
             for take in takers:
                 take(record)
-            if progress:
+            if how.progress:
                 phase = PHASES[int(record.autopilot.setpoint.phase[-1])]
                 before, ticks = ticks, ticks + len(record.autopilot.setpoint.phase)
-                longer = before < SHORT <= ticks and not realtime
-                progress(recorder.seconds, f"{phase}; compiling for a long run" if longer else phase)
+                longer = before < how.short <= ticks and not how.realtime
+                how.progress(recorder.seconds, f"{phase}; compiling for a long run" if longer else phase)
             if interrupt.asked:
                 return True
     return False

@@ -11,7 +11,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
-from rovtwin.runs.loop import HostLoop, Loop, Record, start_loop
+from rovtwin.runs.loop import SHORT, HostLoop, Loop, Record, start_loop
 from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
 from rovtwin.simulation.events.topside import Topside
 from rovtwin.simulation.twin import TwinInput
@@ -19,14 +19,17 @@ from rovtwin.simulation.twin import TwinInput
 CHUNK = 1.0  # simulated time between looks from outside [s]
 
 
-def chunks(loop: Loop, key: Array, start: Start, control_dt: float, duration: float) -> Iterator[Record]:
+def chunks(
+    loop: Loop, key: Array, start: Start, control_dt: float, duration: float, short: int = SHORT
+) -> Iterator[Record]:
     """Records of a run from the compiled loop, on the host, leading axis of at most one simulated second.
 
-    Ends with the tick at which the mission is finished or aborted, or with `duration`.
+    Ends with the tick at which the mission is finished or aborted, or with `duration`. From tick `short` on the program
+    is optimised, see `loop.SHORT`.
     """
     ticks = ticks_in(CHUNK, control_dt)
     total = ticks_in(duration, control_dt) + 1
-    host = HostLoop(loop, key, start, control_dt, ticks)
+    host = HostLoop(loop, key, start, control_dt, ticks, short)
     for k in range(0, total, ticks):
         kept, over = until_the_end(host.advance(), total - k)
         yield kept

@@ -63,7 +63,8 @@ def fly(
         raise ConfigError("fly: --sensor, --no-thrust, --arm and --speed go with --link; add one, or leave them out")
     else:
         _say_beforehand(loaded, screen)
-        flight = _fly(loaded, out, realtime, report, screen, camera=camera, film=film)
+        as_sample = {"short": 0} if replay else {}
+        flight = _fly(loaded, out, realtime, report, screen, camera=camera, film=film, **as_sample)
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)

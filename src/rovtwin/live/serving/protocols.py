@@ -108,6 +108,9 @@ def servers_of(
         vehicle: What they will speak for.
         places: Where each shall listen, if not where it usually does.
         expose: Whether others on the network may take part where a protocol finds its own addresses.
+
+    Raises:
+        ConfigError: A protocol serves no clients: its firmware keeps the time.
     """
     context = ServeContext(
         vehicle=vehicle_of(scenario),
@@ -122,7 +125,9 @@ def servers_of(
     servers = {}
     for name in names:
         endpoint = registry.find(name)
-        assert endpoint is not None and endpoint.server is not None  # as `known` has seen
+        if endpoint is None or endpoint.server is None:
+            expected = ", ".join(registry.names_of("server"))
+            raise ConfigError(f"{name}: found a protocol that serves no clients, expected one or more of {expected}")
         servers[name] = endpoint.server(context, replace(places.get(name, Where()), expose=expose))
     return servers
 
