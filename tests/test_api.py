@@ -125,3 +125,17 @@ def test_settings_of_a_simulation_that_cannot_be(settings, why):
 def test_what_cannot_be_is_refused_in_words(call, why):
     with pytest.raises(rovtwin.ConfigError, match=why):
         call()
+
+
+def test_what_a_scenario_leaves_out_is_the_vehicles_own_whichever_way_it_is_given():
+    quiet, overrides = {"say": lambda line: None}, ["vehicle=gladius_mini", "duration=0.1"]
+    square = rovtwin.load_scenario("square")
+    flights = [
+        rovtwin.fly("square", overrides=overrides, **quiet),
+        rovtwin.fly(square, overrides=overrides, **quiet),
+        rovtwin.fly(rovtwin.load_scenario("square", overrides), **quiet),
+        rovtwin.fly("square", overrides=overrides, autopilot="model_based", **quiet),
+    ]
+    flown = [[(point.speed, point.acceptance) for point in flight.scenario.waypoints] for flight in flights]
+    assert flown[0] == flown[1] == flown[2] == flown[3]
+    assert flown[0][0] != (square.waypoints[0].speed, square.waypoints[0].acceptance)

@@ -87,8 +87,13 @@ def load_scenario(scenario: ScenarioLike, overrides: Sequence[str] = (), seed: i
         return files.load_scenario(scenario, overrides, seed)
     if not isinstance(scenario, Scenario | Mapping):
         raise ConfigError(f"scenario: found {type(scenario).__name__}, expected a name, a path or a dictionary")
-    data = scenario.model_dump(mode="json") if isinstance(scenario, Scenario) else copy.deepcopy(dict(scenario))
+    data = _as_written(scenario) if isinstance(scenario, Scenario) else copy.deepcopy(dict(scenario))
     return files.overridden(data, str(data.setdefault("name", "scenario")), None, overrides, seed)
+
+
+def _as_written(scenario: Scenario) -> dict[str, Any]:
+    """As its file would hold it: what was left out stays so, since the vehicle or the mission has its own value of it."""
+    return scenario.model_dump(mode="json", exclude_unset=True)
 
 
 def fly(
@@ -134,7 +139,7 @@ def fly(
     found, own = load_scenario(scenario, overrides, seed), None
     if autopilot is not None:
         section, own = (autopilot, None) if isinstance(autopilot, str) else separated(autopilot)
-        found = load_scenario(found.model_dump(mode="json") | {"autopilot": section})
+        found = load_scenario(_as_written(found) | {"autopilot": section})
     return flying.fly(found, folder, realtime=realtime, progress=progress, report=report, say=say, own=own)
 
 
