@@ -14,7 +14,8 @@ from tests.block_examples import EXAMPLES, SLOW, SLOW_BATCH, SLOW_GRADIENT, STAR
 
 import rovtwin
 from rovtwin.core.block import Block
-from rovtwin.testing import BlockContract
+from rovtwin.core.numerics import jnp
+from rovtwin.testing import BlockContract, check_block
 
 NOT_BLOCKS = ("rovtwin.cli", "rovtwin.__main__", "rovtwin.report", "rovtwin.console")
 
@@ -80,3 +81,22 @@ def test_gradient_is_finite(name):
     if not EXAMPLES[name]().differentiable:
         pytest.skip("has no float output to differentiate")
     contract(name).has_a_gradient()
+
+
+class Edge(Block):
+    """Its gradient by `gain` is none where it counts: a number of Python's, as one's own blocks have."""
+
+    gain: float = 0.0
+
+    def init(self, key, start):
+        return None
+
+    def step(self, memory, input, dt):
+        return memory, input * jnp.sqrt(jnp.asarray(self.gain, float))
+
+
+def test_numbers_of_python_are_parameters_too():
+    with pytest.raises(AssertionError, match="gradient is not finite by .*gain"):
+        check_block(Edge(), jnp.ones(4))
+    with pytest.raises(AssertionError, match="Edge.gain: found str, expected a number"):
+        check_block(Edge("much"), jnp.ones(4))

@@ -94,6 +94,24 @@ def test_readings_are_the_mean_velocity_in_the_middle_of_the_interval():
         assert listening.read() == []
 
 
+def test_a_dvl_that_falls_silent_is_not_connected(monkeypatch):
+    monkeypatch.setattr("rovtwin.links.cerulean.source.SILENT", 0.3)
+    port = free_port()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as dvl, CeruleanSource(HOST, port) as listening:
+
+        def speaks(times):
+            for k in range(50):
+                send(port, sentence(k), sender=dvl)
+                time.sleep(0.02)
+                if listening.connections == times:
+                    return listening.status.endswith(": connected")
+            return False
+
+        assert speaks(1)
+        wait_until(lambda: "nothing received for 0.3 s" in listening.status)
+        assert speaks(2)
+
+
 def test_by_its_address():
     assert described("cerulean://0.0.0.0:27000").endswith("forward, starboard, down")
     with source(f"cerulean://127.0.0.1:{free_port()}?flu", Clock()) as listening:

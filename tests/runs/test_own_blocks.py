@@ -5,21 +5,39 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import numpy as np
 import pytest
 from tests.packages import install
 
 import rovtwin
+from rovtwin.console.engine.helm import Helm
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.flow import ABORTED, NOT_A_NUMBER, REASONS
+from rovtwin.core.flow import (
+    ABORT,
+    ABORTED,
+    ARM,
+    NO_REQUEST,
+    NOT_A_NUMBER,
+    PAUSE,
+    PAUSED,
+    REASONS,
+    SENSOR_SILENT,
+    AutopilotInput,
+)
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.runs.batch import score_seeds
 from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
 
 SOURCE = '''
+import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 import rovtwin
-from rovtwin.core.flow import Wrench
+from rovtwin.core.flow import Command, Wrench
+from rovtwin.gnc.interfaces import Allocated
 
 
 class Springs(rovtwin.Block):
@@ -94,6 +112,75 @@ class Failing(rovtwin.Block):
         return memory + dt, Wrench(tau, jnp.zeros(6, bool))
 
 
+class Once(rovtwin.Block):
+    """No number in one tick, at 1 s; its memory is none either, from then on."""
+
+    def init(self, key, start):
+        return jnp.zeros(2)
+
+    def step(self, memory, input, dt):
+        t, spoilt = memory
+        spoilt = jnp.where(jnp.abs(t - 1.0) < 0.5 * dt, jnp.nan, spoilt)
+        return jnp.stack([t + dt, spoilt]), Wrench(jnp.full(6, 1.0 + spoilt), jnp.zeros(6, bool))
+
+
+class Biased(rovtwin.Block):
+    """Pushes with 0.3 though nothing is asked of it."""
+
+    def init(self, key, start):
+        return None
+
+    def step(self, memory, input, dt):
+        six, free = jnp.zeros(6), jnp.zeros(input.health.shape, bool)
+        return memory, Allocated(Command(0.3 + jnp.zeros(input.health.shape)), six, six, six, free)
+
+
+class Halves(Springs):
+    stiffness: object = np.float16(40.0)
+
+
+class Complex(Springs):
+    stiffness: object = eqx.field(default_factory=lambda: np.array([1j]))
+
+
+class Keyed(Springs):
+    key: object = eqx.field(default_factory=lambda: jax.random.key(0))
+
+
+class Objects(Springs):
+    things: object = eqx.field(default_factory=lambda: np.array([None, "a"], dtype=object))
+
+
+class Huge(Springs):
+    number: int = 2**70
+
+
+class Listed(Springs):
+    axes: object = eqx.field(static=True, default_factory=lambda: [1, 2])
+
+
+class Arrayed(Springs):
+    axes: object = eqx.field(static=True, default_factory=lambda: np.zeros(2))
+
+
+class Remembering(Springs):
+    def init(self, key, start):
+        return Listed()
+
+    def step(self, memory, input, dt):
+        return memory, Wrench(jnp.zeros(6), jnp.zeros(6, bool))
+
+
+class Gust(rovtwin.Block):
+    """A force that is no number from 2 s on."""
+
+    def init(self, key, start):
+        return jnp.zeros(())
+
+    def step(self, memory, input, dt):
+        return memory + dt, jnp.full(6, jnp.where(memory < 2.0, 0.0, jnp.nan))
+
+
 class Plain:
     pass
 
@@ -142,6 +229,14 @@ def scenario(section, *more):
         ({"controller": "own_control:Growing"}, r"memory after step: found .*float64\[3\], expected float64\[2\]"),
         ({"controller": "own_control:Raising"}, "step failed: AttributeError: .*nothing"),
         ({"controller": "own_control:Texts"}, r"Texts.name: found str, expected a number or an array; declare"),
+        ({"controller": "own_control:Halves"}, r"Halves.stiffness: found float16, expected one of float64"),
+        ({"controller": "own_control:Complex"}, r"Complex.stiffness: found complex128, expected one of float64"),
+        ({"controller": "own_control:Keyed"}, r"Keyed.key: found key<fry>, expected one of .* jax.random.key_data"),
+        ({"controller": "own_control:Objects"}, r"Objects.things: found object, expected one of float64"),
+        ({"controller": "own_control:Huge"}, r"Huge.number: found 1180591620717411303424, expected .* int64"),
+        ({"controller": "own_control:Listed"}, r"Listed.axes: found list, which has no hash"),
+        ({"controller": "own_control:Arrayed"}, r"Arrayed.axes: found ndarray, which has no hash"),
+        ({"controller": "own_control:Remembering"}, r"memory.axes: found list, which has no hash"),
         ({"controller": "own_control:Single"}, r"step: found Wrench, expected \(memory, output\)"),
         ({"controller": "own_control:broken"}, "cannot be made: RuntimeError: no licence"),
         ({"controller": "own_control:Gravely"}, "cannot be made: TypeError: .*share"),
@@ -192,6 +287,60 @@ def test_what_is_no_number_aborts_and_turns_thrusters_off(package):
     assert np.abs(command[t < 2.9]).max() > 0.0 and (command[t > 3.05] == 0.0).all()
     assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED and "not a number" in str(flight.summary["reason"])
     assert REASONS[NOT_A_NUMBER] == "not a number"
+
+
+def ticks(autopilot, run, requests, memory=None):
+    """Memory, commands and outputs of an autopilot that gets no readings, one tick a request."""
+    step = jax.jit(lambda memory, input: autopilot.step(memory, input, run.scenario.control_dt))
+    memory, outputs = memory or autopilot.init(run.key, run.start), []
+    for request in requests:
+        memory, output = step(memory, AutopilotInput(run.loop.twin.empty(), jnp.asarray(request)))
+        outputs.append(output)
+    return memory, np.array([output.command.u for output in outputs]), outputs
+
+
+def test_thrusters_are_off_whatever_an_allocation_gives(package):
+    run = compose(scenario({"allocation": "own_control:Biased"}))
+    _, u, _ = ticks(run.loop.autopilot, run, [PAUSE, PAUSE, NO_REQUEST, NO_REQUEST, ABORT, NO_REQUEST])
+    assert (u[:2] == 0.0).all(), "idle"
+    assert (u[2:4] == 0.3).all()
+    assert (u[4:] == 0.0).all(), "aborted"
+
+
+def test_once_no_number_aborts_leaves_the_estimate_and_can_be_armed_again(package):
+    run = compose(scenario({"controller": "own_control:Once"}))
+    autopilot, at = run.loop.autopilot, round(1.0 / run.scenario.control_dt)
+    memory, u, outputs = ticks(autopilot, run, [NO_REQUEST] * (at + 5))
+    assert (u[at - 1] != 0.0).any() and (u[at:] == 0.0).all()
+    last = outputs[-1]
+    assert int(last.setpoint.phase) == ABORTED and int(last.setpoint.reason) == NOT_A_NUMBER
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(outputs))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(memory.control))
+    # The clock of the block stood still before the bad tick: put it past that.
+    memory = eqx.tree_at(lambda m: m.control, memory, jnp.array([2.0, 0.0]))
+    _, u, outputs = ticks(autopilot, run, [ARM, NO_REQUEST, NO_REQUEST], memory)
+    assert [int(output.setpoint.phase) for output in outputs] == [PAUSED] * 3 and (u != 0.0).any(axis=1).all()
+
+
+def test_the_console_starts_again_after_one_that_was_no_number(package):
+    section = {"controller": "own_control:Once"}
+    run = compose(scenario(section))
+    helm = Helm(run, run.scenario)
+    for again in (helm.start, helm.pilot, helm.start):
+        again()
+        u = np.array([helm.tick([], (0.0, 0.0, 0.0)).u for _ in range(55)])
+        assert (u[:50] != 0.0).any(axis=1).all() and (u[50:] == 0.0).all()
+        assert int(helm.output.setpoint.reason) == NOT_A_NUMBER
+
+
+def test_a_force_that_is_no_number_is_named(package):
+    square = load_scenario("square").model_dump(mode="json")
+    world = square["world"] | {"forces": ["own_control:Gust"]}
+    flight = rovtwin.fly(rovtwin.load_scenario(square | {"world": world}, ["duration=8", "log.rate=10"]), say=silent)
+    assert not flight.completed and flight.summary["reason"] == "world.forces not a number: own_control:Gust"
+    assert flight.log["autopilot/mode"].values[-1, 1] == SENSOR_SILENT, "as the page says"
+    command = flight.log["autopilot/command"].values
+    assert np.isfinite(command).all()
 
 
 def test_a_whole_autopilot(package, tmp_path):

@@ -3,12 +3,33 @@
 Nothing is computed: JAX traces `init` and `step` once. `rovtwin.testing.check_block` runs the block, too.
 """
 
+from dataclasses import fields, is_dataclass
 from typing import Any
+
+import numpy as np
 
 from rovtwin.core.arrays.flat import EXACT
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.numerics import jax
+from rovtwin.core.numerics import as_array, jax, jnp
+
+KEY = "keep the numbers of a key by jax.random.key_data"
+
+
+def of_arrays(block: Any, where: str) -> Any:
+    """A block whose numbers are arrays: the compiled loop takes nothing else; what is no Block as it is.
+
+    Raises:
+        ConfigError: A field is no number, or of a type that a log's float64 does not keep, or it is declared static and
+            has no hash.
+    """
+    if not isinstance(block, Block):
+        return block
+    _require_hash(block, f"{where}: {type(block).__name__}")
+    leaves, structure = jax.tree_util.tree_flatten_with_path(block)
+    return structure.unflatten(
+        [_as_array(leaf, f"{where}: {type(block).__name__}{jax.tree_util.keystr(path)}") for path, leaf in leaves]
+    )
 
 
 def require_block(block: Any, input: Any, output: Any, dt: float, where: str) -> None:
@@ -24,12 +45,13 @@ def require_block(block: Any, input: Any, output: Any, dt: float, where: str) ->
     if not isinstance(block, Block):
         raise ConfigError(f"{where}: found {_named(block)}, expected a rovtwin.Block with init and step")
     memory, after, given = form_of(block, input, dt, where)
+    _require_hash(memory, f"{where}: memory")
     require_same_form(after, memory, f"{where}: memory after step", "what init gave")
     for path, leaf in jax.tree_util.tree_leaves_with_path(memory):
         if str(leaf.dtype) not in EXACT:
             raise ConfigError(
-                f"{where}: memory{jax.tree_util.keystr(path)}: found {leaf.dtype}, expected one of {', '.join(EXACT)}; "
-                "keep the numbers of a key by jax.random.key_data"
+                f"{where}: memory{jax.tree_util.keystr(path)}: found {leaf.dtype}, expected one of "
+                f"{', '.join(EXACT)}; {KEY}"
             )
     if output is not None:
         require_same_form(given, output, f"{where}: output of step")
@@ -63,6 +85,41 @@ def require_same_form(found: Any, expected: Any, where: str, what: str = "") -> 
             raise ConfigError(f"{where}: found {name} {here[name]}, expected {form}{f', {what}' if what else ''}")
     if jax.tree.structure(found) != jax.tree.structure(expected):
         raise ConfigError(f"{where}: found {_named(found)}, expected {what or _named(expected)}")
+
+
+def _as_array(leaf: Any, where: str) -> Any:
+    if not isinstance(leaf, bool | int | float | np.ndarray | np.generic | jax.Array):
+        raise ConfigError(
+            f"{where}: found {_named(leaf)}, expected a number or an array; declare what is none by "
+            "equinox.field(static=True)"
+        )
+    kind = str(getattr(leaf, "dtype", type(leaf).__name__))
+    if hasattr(leaf, "dtype") and kind not in EXACT:
+        hint = f"; {KEY}" if kind.startswith("key<") else ""
+        raise ConfigError(f"{where}: found {kind}, expected one of {', '.join(EXACT)}{hint}")
+    try:
+        return as_array(leaf) if isinstance(leaf, float) else jnp.asarray(leaf)
+    except OverflowError as error:
+        raise ConfigError(f"{where}: found {leaf}, expected a number that int64 holds") from error
+
+
+def _require_hash(tree: Any, where: str) -> None:
+    """Raise ConfigError where a static field has no hash: programs are found again by them."""
+    if isinstance(tree, dict | list | tuple):
+        parts = tree.items() if isinstance(tree, dict) else enumerate(tree)
+        for name, part in parts:
+            _require_hash(part, f"{where}[{name!r}]")
+    for field in fields(tree) if is_dataclass(tree) else ():
+        part, label = getattr(tree, field.name, None), f"{where}.{field.name}"
+        if not field.metadata.get("static"):
+            _require_hash(part, label)
+            continue
+        try:
+            hash(part)
+        except TypeError:
+            raise ConfigError(
+                f"{label}: found {_named(part)}, which has no hash, expected a number, text or tuple in a static field"
+            ) from None
 
 
 def _traced(call: Any, where: str, *arguments: Any) -> Any:

@@ -19,7 +19,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.control.reference_model import ReferenceModel
-from rovtwin.gnc.guard import checked, spoilt
+from rovtwin.gnc.guard import checked, kept, masked, retried
 from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping, CourseMemory
 from rovtwin.gnc.guidance.terrain_following import TerrainFollowing, TerrainInput, TerrainMemory
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, ObserverInput
@@ -65,8 +65,9 @@ class Autopilot(Block):
     """From measurements to thruster commands, once a tick.
 
     The parts are Blocks: any of them may be replaced by another that takes and gives the same. Thrusters are off
-    while idle and once aborted; paused and finished hold station. A command is a number, always: whatever becomes
-    of the estimate, the supervisor aborts on it and zeros go out.
+    while idle and once aborted; paused and finished hold station. Off is a wrench of zero, to which our allocation
+    may go as fast as thrusters can; with somebody else's parts the command itself is zero at once. A command is a
+    number, always: whatever becomes of the estimate, the supervisor aborts on it and zeros go out.
 
     Attributes:
         observer, supervisor, guidance, contingency, reference, control, allocation: Blocks, in the order of the data.
@@ -76,7 +77,8 @@ class Autopilot(Block):
         ability: What can be done without them; None with `monitor`.
         terrain: Turns altitudes of way-points into depths; None where there are none.
         course: Makes of a set-point one that can be followed without sway; None for a vehicle that crabs.
-        guarded: Whether parts are somebody else's: what they give is looked at, and what is no number aborts.
+        guarded: Whether parts are somebody else's: what they give is looked at, and what is no number aborts. The
+            estimate stays what it is, and who arms again tries them again.
     """
 
     observer: Block
@@ -158,11 +160,11 @@ class Autopilot(Block):
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
     ) -> tuple[AutopilotMemory, AutopilotOutput]:
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
-        estimate = spoilt(estimate, memory.failed)
+        failed = retried(memory.failed, input.request)
         monitor, health, ability, axes = self._monitored(memory, estimate, input.request, dt)
         fell_short = memory.shortfall, ability, memory.saturated
         watched = SupervisorInput(
-            estimate, input.request, input.measurements, input.host, *fell_short, memory.desired_position
+            estimate, input.request, input.measurements, input.host, *fell_short, memory.desired_position, failed
         )
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
         known = _usable(estimate)
@@ -174,7 +176,7 @@ class Autopilot(Block):
         place = setpoint.eta[:3]  # before course keeping puts it beside the vehicle
         course, setpoint = self._steered(memory.course, setpoint, known, dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
-        failed, (setpoint, path) = checked(memory.failed, (setpoint, path))
+        failed, (setpoint, path) = checked(failed, (setpoint, path))
 
         on = mode.active if failed is None else mode.active & ~failed
         feedback = ControlInput(known, path, memory.shortfall, axes)
@@ -186,9 +188,11 @@ class Autopilot(Block):
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
-        command, shortfall = allocated.command, allocated.shortfall
-        if self.guarded:
-            command = Command(jnp.clip(command.u, -1.0, 1.0))
+        command, shortfall = masked(failed, mode.active, allocated.command), allocated.shortfall
+        theirs = guidance, reference, control, allocation
+        guidance, reference, control, allocation = kept(
+            failed, theirs, (memory.guidance, memory.reference, memory.control, memory.allocation)
+        )
         wrench = Wrench(tau, on & (desired.saturated | (jnp.abs(shortfall) > NEGLIGIBLE)))
         after = AutopilotMemory(
             observer,

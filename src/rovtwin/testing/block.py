@@ -7,6 +7,8 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.block import Block, Start
+from rovtwin.core.contract import of_arrays
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
 
 BATCH = 3
@@ -50,6 +52,10 @@ class BlockContract:
     def __init__(self, block: Block, inputs: Any, dt: float = 0.02, start: Start = START, shared: Any = 0):
         """See `check_block`."""
         assert isinstance(block, Block), f"found {type(block).__name__}, expected a rovtwin.Block"
+        try:
+            block = of_arrays(block, "parameters")  # as what flies: a number of Python's would get no gradient
+        except ConfigError as error:
+            raise AssertionError(str(error)) from error
         self.inputs, self.dt, self.start, self.shared = inputs, dt, start, shared
         self.arrays, self.rest = eqx.partition(block, eqx.is_array)
         self.step = jax.jit(self._step)

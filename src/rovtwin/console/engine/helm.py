@@ -103,9 +103,12 @@ class Helm(Steering):
 
     def _renewed(self, start: Start) -> Any:
         fresh, memory = self._fresh(start), self._host.memory
+        spoilt = bool(memory.failed)
 
         def parts(m: Any) -> Any:
-            # With the monitor: thrusters that were given up are tried again.
-            return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain, m.monitor)
+            # With the monitor: thrusters that were given up are tried again. So are blocks that failed: thrusters
+            # are at rest then, and an allocation may begin anew.
+            failed = (m.failed, m.allocation) if spoilt else (m.failed,)
+            return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain, m.monitor, *failed)
 
         return eqx.tree_at(parts, memory, parts(fresh), is_leaf=lambda leaf: leaf is None)

@@ -125,6 +125,7 @@ class SupervisorInput(eqx.Module):
         ability: FINE, UNABLE or HEAVE_LOST, see `control_authority`, int.
         saturated: Axes on which a limit cut what the controller asked for, shape (6,), bool.
         desired_position: Place of the last tick's set-point, n [m], shape (3,); NaN where there is none.
+        failed: Whether a block of somebody else has given what is no number, bool; None: there are none.
     """
 
     estimate: Estimate
@@ -135,6 +136,7 @@ class SupervisorInput(eqx.Module):
     ability: Array = eqx.field(default_factory=lambda: jnp.asarray(FINE))
     saturated: Array = eqx.field(default_factory=lambda: jnp.zeros(6, dtype=bool))
     desired_position: Array = eqx.field(default_factory=lambda: jnp.full(3, jnp.nan))
+    failed: Array | None = None
 
 
 class Watch(eqx.Module):
@@ -232,7 +234,7 @@ class Watch(eqx.Module):
             outside = outside | ~inside(rules.fence, place)
         found: dict[int, Any] = {
             flow.NO_REASON: False,
-            flow.NOT_A_NUMBER: ~is_finite(estimate),
+            flow.NOT_A_NUMBER: ~is_finite(estimate) if input.failed is None else ~is_finite(estimate) | input.failed,
             flow.OPERATOR: input.request == flow.ABORT,
             flow.DEPTH_LIMIT: estimate.eta[2] > rules.limit[flow.DEPTH_LIMIT],
             flow.ATTITUDE_LIMIT: jnp.max(jnp.abs(estimate.eta[3:5])) > rules.limit[flow.ATTITUDE_LIMIT],

@@ -49,6 +49,8 @@ class CeruleanSource(BackgroundSource):
             listener.bind(self._address)
             listener.settimeout(LOOK)
             while not self._closed.is_set():
+                if self._connected and time.monotonic() - self._received_at > SILENT:
+                    raise LinkError(f"nothing received for {SILENT:g} s")
                 try:
                     data, sender = listener.recvfrom(65536)
                 except TimeoutError:

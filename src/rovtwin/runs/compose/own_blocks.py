@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import Any
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.contract import form_of, require_block
+from rovtwin.core.contract import form_of, of_arrays, require_block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
-from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.numerics import jnp
 from rovtwin.core.plugins import BLOCKS, load
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput
@@ -89,23 +89,6 @@ def made(target: Any, offered: Mapping[str, Any], settings: Mapping[str, Any], w
         raise
     except Exception as error:  # of somebody else's code: anything
         raise ConfigError(f"{where}: cannot be made: {type(error).__name__}: {error}") from error
-
-
-def of_arrays(block: Any, where: str) -> Any:
-    """A block whose numbers are arrays: the compiled loop takes nothing else.
-
-    Raises:
-        ConfigError: A field is no number.
-    """
-    if not isinstance(block, Block):
-        return block
-    for path, leaf in jax.tree_util.tree_leaves_with_path(block):
-        if not isinstance(leaf, bool | int | float) and not hasattr(leaf, "dtype"):
-            raise ConfigError(
-                f"{where}: {type(block).__name__}{jax.tree_util.keystr(path)}: found {type(leaf).__name__}, expected a "
-                "number or an array; declare what is none by equinox.field(static=True)"
-            )
-    return jax.tree.map(lambda leaf: as_array(leaf) if isinstance(leaf, float) else jnp.asarray(leaf), block)
 
 
 def forces_of(forces: Sequence[OwnBlock], plant: Model, start: Start, dt: float, where: str) -> tuple[Block, ...]:

@@ -24,12 +24,15 @@ def summarise(flown: Flown, simulation: Simulation, interrupted: bool) -> dict[s
     judged, twin = not simulation.scenario.test, simulation.loop.twin
     figures = score(flown) if judged else score_test(flown)
     deep = not_at_depth(flown, simulation.scenario, simulation.model) if figures["completed"] and judged else ""
-    figures["completed"] = figures["completed"] and not deep
+    broken = broken_force(flown, simulation)
+    figures["completed"] = figures["completed"] and not deep and not broken
     interrupted = (
         interrupted and not figures["completed"] and not deep
     )  # Ctrl-C in the last second of a mission changes nothing
     low, high = nees_interval([figures]) if judged else (None, None)
-    if interrupted:
+    if broken:
+        reason = broken
+    elif interrupted:
         reason = "interrupted"
     elif figures["completed"]:
         reason = ""
@@ -53,6 +56,17 @@ def summarise(flown: Flown, simulation: Simulation, interrupted: bool) -> dict[s
         "speed_rms_m_s": speed,
         "mismatch": simulation.mismatch,
     }
+
+
+def broken_force(flown: Flown, simulation: Simulation) -> str:
+    """That forces of one's own gave what is no number; empty where they did not.
+
+    After it the vehicle is nowhere. The autopilot sees no more than sensors that fall silent, and ends for that.
+    """
+    forces = simulation.scenario.world.forces
+    if not forces or flown.outside is None or np.isfinite(flown.outside).all():
+        return ""
+    return f"world.forces not a number: {', '.join(dict.fromkeys(one.block for one in forces))}"
 
 
 def ending(flown: Flown, simulation: Simulation, reason: str) -> str:

@@ -9,7 +9,7 @@ from rovtwin.core.sensors import kind_of
 
 # By core.flow.REASONS: why the supervisor acted, and what to do.
 REMEDIES = {
-    "not a number": ("the estimate broke down", "disarm, check the sensors in the log, start anew"),
+    "not a number": ("the estimate or a block of your own broke down", "disarm, see the log, start anew"),
     "operator": ("you aborted", "Hold switches the thrusters on again where the vehicle is"),
     "depth limit": ("deeper than the supervisor allows", "Hold, then come up; or raise the depth limit"),
     "attitude limit": ("roll or pitch beyond the limit", "check ballast and tether; Hold when it is level"),
