@@ -188,7 +188,7 @@ class Autopilot(Block):
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
-        command, shortfall = masked(failed, mode.active, allocated.command), allocated.shortfall
+        command, shortfall = masked(failed, mode, allocated.command), allocated.shortfall
         theirs = guidance, reference, control, allocation
         guidance, reference, control, allocation = kept(
             failed, theirs, (memory.guidance, memory.reference, memory.control, memory.allocation)

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from rovtwin.core.flow import ARM, Command
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.interfaces import Mode
 
 Tree = TypeVar("Tree")
 
@@ -38,8 +39,8 @@ def kept(failed: Array | None, after: Tree, before: Tree) -> Tree:
     return jax.tree.map(lambda new, old: jnp.where(failed, old, new), after, before)
 
 
-def masked(failed: Array | None, active: Array, command: Command) -> Command:
+def masked(failed: Array | None, mode: Mode, command: Command) -> Command:
     """The command cut at 1, and zeros where thrusters have to be off, whatever somebody else's allocation makes."""
     if failed is None:
         return command
-    return Command(jnp.where(active & ~failed, jnp.clip(command.u, -1.0, 1.0), 0.0))
+    return Command(jnp.where(mode.active & ~failed, jnp.clip(command.u, -1.0, 1.0), 0.0))
