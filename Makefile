@@ -54,7 +54,7 @@ lint: $(STAMP) ## check style, format, types and JavaScript
 	test -z "$$failed" || { echo "lint: failed:$$failed" >&2; exit 1; }
 
 docs: $(STAMP) ## make pages of docs/ in build/docs
-	@$(PIP) -e '.[docs]'
+	@$(PIP) --no-build-isolation -e '.[docs]'
 	@$(BIN)/sphinx-build -q -W --keep-going -b html docs build/docs
 	@echo "rovtwin: open build/docs/index.html"
 

@@ -139,3 +139,10 @@ def test_what_a_scenario_leaves_out_is_the_vehicles_own_whichever_way_it_is_give
     flown = [[(point.speed, point.acceptance) for point in flight.scenario.waypoints] for flight in flights]
     assert flown[0] == flown[1] == flown[2] == flown[3]
     assert flown[0][0] != (square.waypoints[0].speed, square.waypoints[0].acceptance)
+
+
+def test_a_log_is_one_line_in_a_notebook_and_a_channel_of_it_a_netcdf_file(tmp_path):
+    log = rovtwin.fly("square", overrides=["duration=0.1"], say=lambda line: None).log
+    assert repr(log).startswith("<Log log: ") and len(repr(log)) < 80
+    log["truth/eta"].to_xarray().to_netcdf(tmp_path / "eta.nc")
+    assert (tmp_path / "eta.nc").stat().st_size > 1000

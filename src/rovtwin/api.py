@@ -92,7 +92,7 @@ def load_scenario(scenario: ScenarioLike, overrides: Sequence[str] = (), seed: i
 
 
 def _as_written(scenario: Scenario) -> dict[str, Any]:
-    """As its file would hold it: what was left out stays so, since the vehicle or the mission has its own value of it."""
+    """As its file would hold it: what was left out stays so, since the vehicle or the mission has its own of it."""
     return scenario.model_dump(mode="json", exclude_unset=True)
 
 

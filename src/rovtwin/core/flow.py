@@ -136,7 +136,7 @@ class Mission(eqx.Module):
 
     Attributes:
         position: x, y and depth in n [m], shape (n, 3).
-        speed: Wanted speed along the leg [m/s], shape (n,).
+        speed: Desired speed along the leg [m/s], shape (n,).
         acceptance: Radius within which a way-point is reached [m], shape (n,).
         hold_time: Time to stay after reaching it [s], shape (n,).
         heading: Heading to keep [rad], shape (n,); used where `fixed_heading`.
@@ -204,8 +204,8 @@ class Setpoint(eqx.Module):
     """What guidance asks for.
 
     Attributes:
-        eta: Wanted pose, shape (6,).
-        nu: Wanted body velocity, shape (6,).
+        eta: Desired pose, shape (6,).
+        nu: Desired body velocity, shape (6,).
         leg_start: Start of the current leg [m], shape (3,).
         leg_end: Its end, the way-point aimed at [m], shape (3,).
         on_leg: Whether the vehicle follows a leg (phase go), bool.
@@ -321,7 +321,7 @@ class AutopilotInput(eqx.Module):
         measurements: Readings since the last tick.
         request: The operator's, int.
         host: Ages and lateness.
-        pilot: Wanted velocity over ground along the heading, surge, sway, heave [m/s], and turn rate [rad/s], shape
+        pilot: Desired velocity over ground along the heading, surge, sway, heave [m/s], and turn rate [rad/s], shape
             (4,); counts while the vehicle is piloted.
     """
 
@@ -334,7 +334,7 @@ class AutopilotInput(eqx.Module):
 class AutopilotOutput(eqx.Module):
     """All that one autopilot tick produces, for the link (command) and for the log (the rest).
 
-    `health` is estimate of what each thruster still gives, a share, shape (n_thrusters,).
+    `health` is the estimate of what each thruster still gives, a share, shape (n_thrusters,).
     """
 
     command: Command

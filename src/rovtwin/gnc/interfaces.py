@@ -80,7 +80,7 @@ class Allocated(eqx.Module):
     Attributes:
         command: For the thrusters.
         made: Wrench that the thrusters settle at with it, b at CO [N, N m], shape (6,).
-        residual: Wanted less made, shape (6,).
+        residual: Desired less made, shape (6,).
         shortfall: The part of it that limits and lost thrusters took, shape (6,): what an integral must not wind up
             on. The rest is what thrusters too near to standstill keep back, which an integral has to overcome.
         limited: Whether a thruster is at a limit, of force or of rate, shape (n,), bool; a lost one is not.

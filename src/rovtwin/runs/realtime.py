@@ -94,7 +94,7 @@ class HostAutopilot:
             readings: In order of arrival.
             request: The operator's, one of core.flow.NO_REQUEST, ...
             host: Age of the link [s], of the operator's last sign [s], lateness [control periods]; see core.flow.Host.
-            pilot: Wanted surge, sway, heave [m/s] and turn rate [rad/s], see core.flow.AutopilotInput.
+            pilot: Desired surge, sway, heave [m/s] and turn rate [rad/s], see core.flow.AutopilotInput.
         """
         taken = self._pack(readings)
         taken[self._request] = request

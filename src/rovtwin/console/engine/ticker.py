@@ -14,7 +14,7 @@ class Ticker:
 
     Attributes:
         session: Whose.
-        began: When the first tick is due, by the vessel's clock [s].
+        began: When the first tick is due, by the vehicle's clock [s].
         ticks: That have been.
     """
 

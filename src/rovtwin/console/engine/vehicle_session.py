@@ -115,12 +115,12 @@ Compiled = tuple[Simulation, Helm | ExperimentHelm, Limits, VehicleWatch]
 
 
 class SessionBuilder:
-    """Makes vessels in a thread of its own, so that the loop goes on telling and obeying.
+    """Makes sessions in a thread of its own, so that the loop goes on telling and obeying.
 
     Attributes:
         clock: That readings are stamped with; of a twin it stands until the world is there.
         speed: At which it begins to run.
-        step: What is done to make a vessel ready; None where none is being made.
+        step: What is done to make a vehicle ready; None where none is being made.
     """
 
     def __init__(self, config: EngineConfig, speed: float, say: Say):

@@ -58,7 +58,8 @@ class Series:
 
         about = {"units": self.channel.unit, "frame": self.channel.frame}
         coordinates = {"time": self.t, "field": list(self.channel.fields)}
-        return xarray.DataArray(self.values, coordinates, ("time", "field"), self.channel.name, about)
+        name = self.channel.name.replace("/", "_")  # netCDF names have no slash
+        return xarray.DataArray(self.values, coordinates, ("time", "field"), name, about)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """A column for each field, indexed by time [s]."""
@@ -68,7 +69,7 @@ class Series:
         return pandas.DataFrame(self.values, pandas.Index(self.t, name="time"), list(self.channel.fields))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """Named channels and provenance, all in memory.
 
@@ -84,6 +85,11 @@ class Log:
     notes: tuple[str, ...] = ()
     source: str = "log"
     _series: dict[str, Series] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        """One line, as a notebook shows it."""
+        end = max((series.t[-1] for series in self._series.values() if len(series)), default=0.0)
+        return f"<Log {self.source}: {len(self.channels)} channels, {end:.1f} s>"
 
     @staticmethod
     def read(path: str | Path) -> "Log":

@@ -80,7 +80,7 @@ class HeaveFeedback(eqx.Module):
 
         Args:
             depth: Error, positive if the vehicle has to go down [m].
-            heave: Wanted velocity less that it has, b [m/s].
+            heave: Desired velocity less the vehicle's own, b [m/s].
             nu_r: Slow velocity through the water, b, shape (6,).
             euler: Roll, pitch and yaw, shape (3,).
             wrench: What else is asked for, inverse dynamics, b at CO [N, N m], shape (6,): its forces tilt the

@@ -28,7 +28,7 @@ class Piece(eqx.Module):
         length: Up to the arc, or to the way-point where there is none [m].
         turn: Angle of the corner, to starboard positive [rad]; 0 without an arc.
         radius: Of the arc [m].
-        speed: Wanted on the leg [m/s].
+        speed: Desired on the leg [m/s].
         after: Largest speed at its end [m/s]: that of the corner, or 0.
         acceptance, hold_time, heading, fixed_heading: As in the mission.
         last: Whether no way-point follows, bool.

@@ -46,7 +46,7 @@ def log_channels(
         ("truth/nu", NU, NU_UNITS, "b", "true velocity over ground"),
         ("truth/thrust", thr, "N", "b", "true force of each thruster"),
         ("truth/water_velocity", ("north", "east", "down"), "m/s", "n", "water velocity at CO"),
-        ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves, drift and tethers at CO"),
+        ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves, drift, tethers and forces of one's own at CO"),
         *([("truth/surface", ("depth",), "m", "n", "water surface above CO")] if moving_surface else []),
         *([("truth/battery", *_battery_fields(batteries), "", "what is left, and power drawn")] if batteries else []),
         *(row for name, nodes in (tethers or {}).items() for row in _tether_rows(name, nodes)),
