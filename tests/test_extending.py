@@ -14,6 +14,7 @@ import rovtwin
 import rovtwin.cli
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.trust import VARIABLE
 from rovtwin.identification.logs.readers import detect, read_record
 from rovtwin.live.connect import source
 from rovtwin.runs.compose.composition import compose
@@ -26,6 +27,12 @@ LONGEST = 32  # lines of code of a page's plug-in
 
 def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", (PAGES / page).read_text(), re.S)
+
+
+@pytest.fixture(autouse=True)
+def no_consent(monkeypatch):
+    """To run code that a scenario names; a test that gives it gives it for itself."""
+    monkeypatch.setenv(VARIABLE, "")
 
 
 @pytest.fixture
@@ -61,18 +68,20 @@ def test_a_block(installed, tmp_path, monkeypatch):
     assert stopped.value.code == 1 and (tmp_path / "run" / "log.mcap").is_file()
 
 
-def test_the_blocks_section_of_a_scenario(installed):
+def test_the_blocks_section_of_a_scenario(installed, monkeypatch):
     import yaml
 
+    monkeypatch.setenv(VARIABLE, "1")
     installed("block.md", "sliding", {"rovtwin.blocks": {"sliding": "sliding:SlidingMode"}})
     (text,) = blocks("block.md", "yaml")
     scenario = rovtwin.load_scenario(rovtwin.load_scenario("square").model_dump(mode="json") | yaml.safe_load(text))
     assert float(compose(scenario).loop.autopilot.control.gain) == 20.0
 
 
-def test_a_force(installed):
+def test_a_force(installed, monkeypatch):
     import yaml
 
+    monkeypatch.setenv(VARIABLE, "kelp:Kelp,kelp:jnp")
     installed("force.md", "kelp", {"rovtwin.blocks": {"kelp": "kelp:Kelp"}})
     (text,) = blocks("force.md", "yaml")
     square = rovtwin.load_scenario("square").model_dump(mode="json")

@@ -51,7 +51,7 @@ WHERE_RULES_ARE = "RULES in tests/test_imports.py"
 LAYERS: dict[str, list[set[str]]] = {
     "core": [
         {"errors", "notebook", "sensors"},
-        {"datum", "extras", "plugins", "processes", "user_files", "vision"},
+        {"datum", "extras", "plugins", "processes", "trust", "user_files", "vision"},
         {"log", "markers", "numerics"},
         {"block", "flow", "frames"},
         {"arrays", "link"},

@@ -70,7 +70,8 @@ def load_scenario(scenario: ScenarioLike, overrides: Sequence[str] = (), seed: i
 
     Args:
         scenario: `"square"`, `"mine.yaml"`, `{"vehicle": "gladius_mini", "mission": [...]}`.
-        overrides: `key.path=value` texts; the value is read as YAML.
+        overrides: `key.path=value` texts; the value is read as YAML. Code that they name may be run; code that a file
+            or dictionary names needs the environment variable ROVTWIN_TRUST_CODE.
         seed: In place of the scenario's.
 
     Raises:
@@ -131,6 +132,7 @@ def fly(
         >>> flight.log["truth/eta"].to_xarray().sizes["time"] > 50
         True
     """
+    from rovtwin.core.trust import consent_to_addresses
     from rovtwin.runs import fly as flying
     from rovtwin.runs.compose.own_blocks import separated
 
@@ -139,6 +141,8 @@ def fly(
     found, own = load_scenario(scenario, overrides, seed), None
     if autopilot is not None:
         section, own = (autopilot, None) if isinstance(autopilot, str) else separated(autopilot)
+        if not isinstance(section, str):
+            consent_to_addresses(section)
         found = load_scenario(_as_written(found) | {"autopilot": section})
     return flying.fly(found, folder, realtime=realtime, progress=progress, report=report, say=say, own=own)
 

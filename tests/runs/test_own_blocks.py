@@ -1,8 +1,10 @@
 """Blocks of one's own in the model-based autopilot: found, checked before anything flies, flown, recorded."""
 
+import json
 import os
 import subprocess
 import sys
+from hashlib import sha256
 from pathlib import Path
 
 import equinox as eqx
@@ -26,6 +28,7 @@ from rovtwin.core.flow import (
     AutopilotInput,
 )
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.trust import VARIABLE
 from rovtwin.runs.batch import score_seeds
 from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
@@ -209,6 +212,12 @@ def package(tmp_path_factory):
     sys.modules.pop("own_control", None)
 
 
+@pytest.fixture(autouse=True)
+def trusted(monkeypatch):
+    """With consent to run what a scenario names (`test_trust.py` is about that)."""
+    monkeypatch.setenv(VARIABLE, "1")
+
+
 def scenario(section, *more):
     return rovtwin.load_scenario(load_scenario("square").model_dump(mode="json") | {"autopilot": section}, [*more])
 
@@ -223,7 +232,7 @@ def scenario(section, *more):
         ({"controller": "own_control:Nobody"}, "found no 'Nobody' in own_control"),
         ({"controller": "spring"}, r"found 'spring', expected package.module:Name.*\(one of springs\)"),
         ({"controller": "own control:X"}, "autopilot.*controller.*found 'own control:X'"),
-        ({"controller": "own_control:Plain"}, "found Plain, expected a rovtwin.Block with init and step"),
+        ({"controller": "own_control:Plain"}, "found the class Plain, expected a rovtwin.Block with init and step"),
         ({"controller": "own_control:Tall"}, r"output of step: found .tau float64\[3\], expected float64\[6\]"),
         ({"controller": "own_control:Bare"}, "output of step: found no .tau.*expected Wrench"),
         ({"controller": "own_control:Growing"}, r"memory after step: found .*float64\[3\], expected float64\[2\]"),
@@ -274,6 +283,8 @@ def test_seeds_share_the_program_and_a_log_says_what_flew(package, tmp_path):
     rows = score_seeds(scenario({"controller": "springs"}, "duration=4"), [1, 2])
     assert len(rows) == 2
     flight = rovtwin.fly("square", tmp_path / "run", overrides=["duration=2"], autopilot=SPRINGS, say=print)
+    code = {"module": "own_control", "sha256": sha256((package / "own_control.py").read_bytes()).hexdigest()}
+    assert json.loads(flight.log.metadata["own_code"]) == {"springs": code | {"package": "own_control 1.0"}}
     again = load_scenario(tmp_path / "run" / "scenario.yaml")
     assert again.autopilot.controller.block == "springs" and again.autopilot == flight.scenario.autopilot
 
@@ -366,7 +377,7 @@ def test_the_command_line_finds_the_file_beside_it(package, tmp_path):
     (tmp_path / "beside.py").write_text((package / "own_control.py").read_text())
     words = ["fly", "square", "--set", "autopilot.controller=beside:Springs", "--set", "duration=1", "--no-report"]
     code = "import sys; sys.path.remove(''); from rovtwin.cli import main; main()"
-    env = os.environ | {"PYTHONPATH": str(Path(rovtwin.__file__).parents[1])}
+    env = os.environ | {"PYTHONPATH": str(Path(rovtwin.__file__).parents[1]), VARIABLE: ""}
     done = subprocess.run(
         [sys.executable, "-c", code, *words, "--out", "run"], cwd=tmp_path, env=env, capture_output=True, text=True
     )

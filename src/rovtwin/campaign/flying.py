@@ -10,6 +10,7 @@ from rovtwin.campaign.rows import row_of, row_of_failure
 from rovtwin.campaign.samples import draws, scenario_at
 from rovtwin.campaign.schema import Campaign
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.core.trust import consent_to
 from rovtwin.runs.batch import same_program, score_run, score_together
 from rovtwin.runs.compose.composition import Simulation, compose
 from rovtwin.runs.feasibility.mission import require_feasible
@@ -18,7 +19,12 @@ Row = dict[str, Any]
 
 
 def fly_samples(
-    text: str, indices: list[int], lanes: int, version: str, look: Callable[[], None] = lambda: None
+    text: str,
+    indices: list[int],
+    lanes: int,
+    version: str,
+    look: Callable[[], None] = lambda: None,
+    consent: str = "",
 ) -> list[Row]:
     """Fly samples, side by side where one compiled program flies them all.
 
@@ -28,6 +34,7 @@ def fly_samples(
         lanes: How many fly side by side; 1: one after the other, with the scores of `fly --replay` to the last bit.
         version: Of rovtwin where the results go to.
         look: Called about once a simulated second; what it raises ends the flight.
+        consent: Where the results go to, to run code that the campaign names (`core/trust.py`).
 
     Returns:
         A row for each sample, in their order. A sample that cannot be flown has a row too, with the reason.
@@ -37,6 +44,7 @@ def fly_samples(
     """
     if version != __version__:
         raise ConfigError(f"a worker has rovtwin {__version__}, expected {version}: install the same on all machines")
+    consent_to(consent)
     campaign = _campaign(text)
     began, wall, cpu = time.time(), time.perf_counter(), time.process_time()
     rows: dict[int, Row] = {}

@@ -17,6 +17,7 @@ from rovtwin._version import __version__
 from rovtwin.campaign.flying import Row, fly_samples
 from rovtwin.campaign.packages import require
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.core.trust import consent
 
 Stopped = Callable[[], bool]
 PATIENCE = 0.3  # how long a request to stop may go unnoticed [s]
@@ -93,7 +94,8 @@ class Dask:
         try:
             while not stopped():
                 for portion in waiting:
-                    flying.add(self._client.submit(fly_samples, text, portion, lanes, __version__, pure=False))
+                    work = (fly_samples, text, portion, lanes, __version__)
+                    flying.add(self._client.submit(*work, pure=False, consent=consent()))
                     if len(flying) >= max(AHEAD * self.cores, 8):
                         break
                 if not flying:

@@ -85,8 +85,19 @@ def _version(asked: bool) -> None:
 
 
 @app.callback()
-def _common(version: bool = typer.Option(False, "--version", callback=_version, help="Print the version.")) -> None:
-    pass
+def _common(
+    version: bool = typer.Option(False, "--version", callback=_version, help="Print the version."),
+    trust_code: bool = typer.Option(
+        False,
+        "--trust-code",
+        help="Run code that scenario files name (blocks and forces of one's own), as ROVTWIN_TRUST_CODE=1 does. "
+        "Before the command: rovtwin --trust-code fly mine.yaml.",
+    ),
+) -> None:
+    if trust_code:
+        from rovtwin.core.trust import ALL, consent_to
+
+        consent_to(ALL)
 
 
 _BRACKET = re.compile(r"(?<!\\)\[(?!/?bold\])")

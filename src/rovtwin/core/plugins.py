@@ -1,13 +1,21 @@
-"""What others bring: objects by an address `package.module:Name`, or by the name of an installed entry point."""
+"""What others bring: objects by an address `package.module:Name`, or by the name of an installed entry point.
+
+To import a module is to run it. What is installed was chosen by who installed it; an address needs consent (`trust`).
+"""
 
 import importlib
 import os
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
+from rovtwin.core import trust
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.trust import is_address
 
 BLOCKS, LINKS, READERS = "rovtwin.blocks", "rovtwin.links", "rovtwin.readers"
 
@@ -20,12 +28,6 @@ def installed(group: str) -> dict[str, EntryPoint]:
     return found
 
 
-def is_address(text: str) -> bool:
-    """Whether a text has the form `package.module:Name`."""
-    module, colon, name = text.partition(":")
-    return bool(colon) and all(part.isidentifier() for part in f"{module}.{name}".split("."))
-
-
 def load(text: str, group: str, where: str) -> Any:
     """The object at an address, or of an entry point.
 
@@ -35,9 +37,11 @@ def load(text: str, group: str, where: str) -> Any:
         where: Key or option that it was given by, for messages.
 
     Raises:
-        ConfigError: There is no such module, attribute or entry point, or importing it fails.
+        ConfigError: Nobody consented to run the module of an address; there is no such module, attribute or entry
+            point, or importing it fails.
     """
     if is_address(text):
+        trust.require(text, where)
         return _at(text, where)
     known = installed(group)
     if text not in known:
@@ -46,6 +50,26 @@ def load(text: str, group: str, where: str) -> Any:
             f"{where}: found {text!r}, expected package.module:Name, or the name of an entry point ({names})"
         )
     return _at(known[text].value, f"{where}: {text} (entry point of {_package(known[text])})")
+
+
+def module_of(text: str, group: str) -> str:
+    """Name of the module that an address or an entry point leads to, without importing it; "" for none."""
+    if not is_address(text):
+        text = one.value if (one := installed(group).get(text)) else ""
+    return text.partition(":")[0].strip()
+
+
+def origin(text: str, group: str) -> dict[str, str]:
+    """Which code stands at an address or entry point whose module is imported: `module`; `sha256` of its file; of an
+    installed one the `package`, name and version.
+    """
+    name = module_of(text, group)
+    found = {"module": name}
+    with suppress(OSError):  # no file, or one that is gone by now
+        if file := getattr(sys.modules.get(name), "__file__", None):
+            found["sha256"] = sha256(Path(file).read_bytes()).hexdigest()
+    one = None if is_address(text) else installed(group).get(text)
+    return found | ({"package": f"{one.dist.name} {one.dist.version}"} if one and one.dist else {})
 
 
 def loaded(group: str) -> Iterator[tuple[str, Any]]:
@@ -59,10 +83,9 @@ def loaded(group: str) -> Iterator[tuple[str, Any]]:
 
 def _at(address: str, where: str) -> Any:
     module, _, name = address.partition(":")
-    if (here := os.getcwd()) not in sys.path and "" not in sys.path:
-        sys.path.append(here)  # last: a command finds the file beside it, as python does, and hides nothing
     try:
-        found: Any = importlib.import_module(module)
+        with _files_beside():
+            found: Any = importlib.import_module(module)
     except ModuleNotFoundError as error:
         if error.name and (module == error.name or module.startswith(f"{error.name}.")):
             raise ConfigError(
@@ -79,6 +102,21 @@ def _at(address: str, where: str) -> Any:
             )
         found = getattr(found, part)
     return found
+
+
+@contextmanager
+def _files_beside() -> Iterator[None]:
+    """A command finds the file beside it, as python does, while it looks for it and no longer."""
+    here = os.getcwd()
+    if here in sys.path or "" in sys.path:
+        yield
+        return
+    sys.path.append(here)  # last: it hides nothing
+    try:
+        yield
+    finally:
+        with suppress(ValueError):  # the module that was imported has taken it away itself
+            sys.path.remove(here)
 
 
 def _package(entry: EntryPoint) -> str:

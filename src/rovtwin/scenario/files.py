@@ -8,6 +8,7 @@ from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS, kind_of
+from rovtwin.core.trust import consent_to_addresses
 from rovtwin.core.user_files.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.scenario.assets import found_beside
@@ -38,7 +39,7 @@ def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | N
 
     Args:
         name: One of `list_scenarios()`, the same with `_dvl`, `_tether` or both behind it, or a path to a YAML file.
-        overrides: `key.path=value` texts; the value is read as YAML.
+        overrides: `key.path=value` texts; the value is read as YAML. Code that it names may be run (`core/trust.py`).
         seed: In place of the file's.
 
     Raises:
@@ -166,7 +167,10 @@ def _apply(data: dict[str, Any], text: str) -> None:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise ConfigError(f"--set {text}: expected key=value, such as world.current=[0.1,0,0]")
-    put(data, key.strip(), parse_yaml(f"value: {value}", f"--set {text}")["value"], f"--set {text}")
+    found = parse_yaml(f"value: {value}", f"--set {text}")["value"]
+    if key.strip().partition(".")[0] in ("autopilot", "world"):
+        consent_to_addresses(found)  # whoever calls the program names this code, no file does
+    put(data, key.strip(), found, f"--set {text}")
 
 
 def put(data: dict[str, Any], key: str, value: Any, where: str) -> None:

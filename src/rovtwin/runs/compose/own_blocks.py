@@ -15,7 +15,7 @@ from rovtwin.core.contract import form_of, of_arrays, require_block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
 from rovtwin.core.numerics import jnp
-from rovtwin.core.plugins import BLOCKS, load
+from rovtwin.core.plugins import BLOCKS, load, module_of
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput
 from rovtwin.scenario.schema import ModelBasedSection
@@ -59,7 +59,7 @@ def with_own_blocks(
         if one.given:
             block = _handed_over(key, one.given, given, label)
         else:
-            block = made(load(one.block, BLOCKS, label), offered, one.settings, f"{label}: {one.block}")
+            block = made(one, offered, label)
         block = of_arrays(block, label)
         ours = getattr(autopilot, PLACES[key])
         _, _, output = form_of(ours, inputs[key], offered["dt"], label)
@@ -68,27 +68,45 @@ def with_own_blocks(
     return replace(autopilot, **parts, guarded=True)
 
 
-def made(target: Any, offered: Mapping[str, Any], settings: Mapping[str, Any], where: str) -> Any:
-    """What a class or function makes of the offered things that it has arguments for, and of settings.
+def made(one: OwnBlock, offered: Mapping[str, Any], where: str) -> Any:
+    """What the class or function at an address makes of the offered things that it has arguments for, and of settings.
 
     Raises:
-        ConfigError: It cannot be called so, or fails.
+        ConfigError: It cannot be found, is nothing that makes Blocks, cannot be called so, or fails.
     """
+    target, where = load(one.block, BLOCKS, where), f"{where}: {one.block}"
     if isinstance(target, Block):
-        if settings:
+        if one.settings:
             raise ConfigError(f"{where}: found settings for a block that is made already, expected a class or function")
         return target
+    _require_maker(target, module_of(one.block, BLOCKS), where)
     maker: Callable[..., Any] = getattr(target, "of", target) if isinstance(target, type) else target
-    if not callable(maker):
-        raise ConfigError(f"{where}: found {type(target).__name__}, expected a Block, its class or a function")
     try:
         names = inspect.signature(maker).parameters
-        taken = {name: value for name, value in offered.items() if name in names and name not in settings}
-        return maker(**taken, **settings)
+        taken = {name: value for name, value in offered.items() if name in names and name not in one.settings}
+        return maker(**taken, **one.settings)
     except ConfigError:
         raise
     except Exception as error:  # of somebody else's code: anything
         raise ConfigError(f"{where}: cannot be made: {type(error).__name__}: {error}") from error
+
+
+def _require_maker(target: Any, module: str, where: str) -> None:
+    """That something is a class of Blocks, or a function that the module itself defines: nothing else is called.
+
+    What a module merely imports, such as a function of the operating system, is none of its blocks.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    expected = f"expected a rovtwin.Block with init and step, its class, or a function that {module} itself defines"
+    if isinstance(target, type):
+        if not issubclass(target, Block):
+            raise ConfigError(f"{where}: found the class {target.__name__}, {expected}")
+    elif not inspect.isfunction(target):
+        raise ConfigError(f"{where}: found {type(target).__name__}, {expected}")
+    elif target.__module__ != module:
+        raise ConfigError(f"{where}: found a function of {target.__module__}, {expected}")
 
 
 def forces_of(forces: Sequence[OwnBlock], plant: Model, start: Start, dt: float, where: str) -> tuple[Block, ...]:
@@ -110,7 +128,7 @@ def forces_of(forces: Sequence[OwnBlock], plant: Model, start: Start, dt: float,
         if not one.block:
             raise ConfigError(f"{label}: found no block, expected package.module:Name, or an entry point of {BLOCKS}")
         offered = {"model": plant, "dt": dt}
-        block = of_arrays(made(load(one.block, BLOCKS, label), offered, one.settings, f"{label}: {one.block}"), label)
+        block = of_arrays(made(one, offered, label), label)
         require_block(block, State.at(plant, start), jnp.zeros(6), dt, f"{label}: {one.block}")
         blocks.append(block)
     return tuple(blocks)

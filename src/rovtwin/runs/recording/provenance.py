@@ -11,13 +11,14 @@ import numpy as np
 from rovtwin._version import __version__
 from rovtwin.core.datum import METADATA_KEY
 from rovtwin.core.numerics import jax
+from rovtwin.core.plugins import BLOCKS, origin
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.runs.compose.composition import Simulation
 from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.runs.vehicle_defaults import with_vehicle_defaults
 from rovtwin.scenario.assets import kept_beside, scenes_kept_beside
 from rovtwin.scenario.files import dump_scenario
-from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.schema import ModelBasedSection, Scenario
 from rovtwin.simulation.sensors.sensor import Sensor
 
 
@@ -48,7 +49,14 @@ def provenance(scenario: Scenario, simulation: Simulation) -> dict[str, str]:
         "test": to_json(spans_of(scenario)) if scenario.test else "",
         "thrusters": to_json(simulation.thruster_names),
         "tether_length": str(simulation.paid_out),
-    }
+    } | _own_code(scenario)
+
+
+def _own_code(scenario: Scenario) -> dict[str, str]:
+    """Which code flew as blocks and forces of one's own, by what the scenario calls it; nothing where there is none."""
+    blocks = scenario.autopilot.own_blocks if isinstance(scenario.autopilot, ModelBasedSection) else {}
+    named = {one.label for one in (*blocks.values(), *scenario.world.forces)}
+    return {"own_code": to_json({name: origin(name, BLOCKS) for name in sorted(named)})} if named else {}
 
 
 def flown_points(scenario: Scenario) -> list[dict[str, Any]]:

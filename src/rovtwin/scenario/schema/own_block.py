@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from rovtwin.core.plugins import is_address
+from rovtwin.core.trust import is_address
 from rovtwin.core.user_files.config import Strict
 
 _ENTRY_POINT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
