@@ -50,7 +50,7 @@ def test_groups_follow_names_and_directions(vehicle):
 
 def test_zero_theta_is_the_vehicle_itself(vehicle, everything, model_at):
     model, same = vehicle.model(), model_at(np.zeros(len(everything)))
-    for name in ("mass", "damping", "center_of_buoyancy", "buoyancy"):
+    for name in ("inertia", "damping", "center_of_buoyancy", "buoyancy"):
         np.testing.assert_allclose(getattr(same, name), getattr(model, name), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(same.thrusters.force_ahead, model.thrusters.force_ahead)
 

@@ -21,7 +21,8 @@ ERROR = b"E1125 03:10:10.0 77 cpu_compiler.cc:90] out of memory\n"
 CODE = """
 import os, sys, time
 from jax import monitoring
-from rovtwin.core import numerics, quiet
+from rovtwin.core import numerics
+from rovtwin.core.processes import quiet
 numerics._quiet._after = 0.05
 monitoring.record_event(quiet.BEGINS)
 time.sleep(0.5)
@@ -50,7 +51,7 @@ def test_jax_tells_of_a_compilation():
     code = """
 import os
 from jax import monitoring
-from rovtwin.core import quiet
+from rovtwin.core.processes import quiet
 from rovtwin.core.numerics import jax
 told = []
 monitoring.register_event_listener(lambda event, **_: told.append(event))
