@@ -30,7 +30,7 @@ def same(one, other, rtol=1e-9):
 
 
 def arrays(model):
-    fields = ("mass", "added_mass", "damping", "weight", "buoyancy", "center_of_gravity", "center_of_buoyancy")
+    fields = ("inertia", "added_mass", "damping", "weight", "buoyancy", "center_of_gravity", "center_of_buoyancy")
     return [np.asarray(getattr(model, field)) for field in fields] + [np.asarray(model.thrusters.configuration)]
 
 

@@ -39,7 +39,7 @@ def test_every_damping_coefficient_has_its_own_draw():
 
 def test_masses_and_thrust_by_their_factors():
     plant = perturbed(MODEL, KEY)
-    for name in ("rigid_body_mass", "added_mass", "mass", "weight", "buoyancy", "displaced_mass"):
+    for name in ("rigid_body_mass", "added_mass", "inertia", "weight", "buoyancy", "displaced_mass"):
         np.testing.assert_allclose(getattr(plant, name), 1.1 * getattr(MODEL, name), rtol=1e-14)
     np.testing.assert_allclose(plant.inertia_inverse @ plant.inertia, np.eye(6), atol=1e-12)
     u = jnp.array([1.0, -1.0, 0.5, -0.5, 0.1, 0.0])

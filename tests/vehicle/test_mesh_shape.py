@@ -131,7 +131,7 @@ def test_everything_of_a_vehicle_follows_from_its_mesh(tmp_path):
     vehicle = load_vehicle(hull_file(tmp_path, make.box(BOX)))
     box = vehicle_from_dict({"name": "my", "mass": 72.0, "shape": {"box": BOX}})
     model, other = vehicle.model(), box.model()
-    for name in ("mass", "buoyancy", "center_of_buoyancy", "quadratic_damping_ahead"):
+    for name in ("inertia", "buoyancy", "center_of_buoyancy", "quadratic_damping_ahead"):
         np.testing.assert_allclose(getattr(model, name), getattr(other, name), rtol=0.02, atol=0.02)
     np.testing.assert_allclose(model.hull.offsets, other.hull.offsets, atol=1e-6)
     np.testing.assert_allclose(bounding_box(vehicle.file), bounding_box(box.file), atol=1e-6)
