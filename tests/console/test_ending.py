@@ -15,8 +15,8 @@ zmq = pytest.importorskip("zmq")
 client = pytest.importorskip("websockets.sync.client")
 
 from rovtwin.console.launch import alive, running  # noqa: E402  (what the extra needs comes first)
-from rovtwin.core.log import Log  # noqa: E402
-from rovtwin.core.user_files.files import MOST_UPLOAD  # noqa: E402
+from rovtwin.core.log import Log  # noqa: E402  (as above)
+from rovtwin.core.user_files.files import MOST_UPLOAD  # noqa: E402  (as above)
 
 COMPILING = 900.0  # on a machine that is very busy [s]
 SOON = 30.0  # all are gone, on a machine that may be ten times as busy as it has cores [s]

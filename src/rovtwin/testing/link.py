@@ -60,7 +60,7 @@ def check_link(rig: Callable[[], LinkRig]) -> None:
             fresh.close()
 
 
-def tells_readings(rig: LinkRig) -> None:
+def delivers_readings(rig: LinkRig) -> None:
     """A list of Measurements with numbers in SI and the time they were valid, none twice, none lost."""
     rig.wait(0.2)
     readings = rig.link.read()
@@ -180,7 +180,7 @@ def lets_errors_out_of_a_with_block(rig: LinkRig) -> None:
 
 
 CLAUSES = (
-    tells_readings,
+    delivers_readings,
     is_quiet_without_error,
     passes_commands_on,
     rests_before_the_first_command,

@@ -68,7 +68,7 @@ def check_source(rig: Callable[[], AbstractContextManager[SourceRig]]) -> None:
             clause(fresh)
 
 
-def tells_readings(rig: SourceRig) -> None:
+def delivers_readings(rig: SourceRig) -> None:
     """A list of Measurements of known names and sizes, finite, each valid before now and none before the last."""
     got = rig.listen(10)
     assert {r.sensor for r in got} == rig.sensors
@@ -83,7 +83,7 @@ def tells_readings(rig: SourceRig) -> None:
         assert times == sorted(times), f"{sensor}: out of order"
 
 
-def loses_none_and_tells_none_twice(rig: SourceRig) -> None:
+def loses_none_and_delivers_none_twice(rig: SourceRig) -> None:
     """Ten rounds are ten readings of each sensor."""
     got = rig.listen(10)
     time.sleep(0.1)
@@ -145,8 +145,8 @@ def leaves_no_thread(rig: SourceRig) -> None:
 
 
 CLAUSES = (
-    tells_readings,
-    loses_none_and_tells_none_twice,
+    delivers_readings,
+    loses_none_and_delivers_none_twice,
     gives_values_away,
     is_quiet_without_error,
     closes_twice,

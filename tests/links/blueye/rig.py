@@ -71,7 +71,8 @@ class BlueyeRig:
                 batch.append(Measurement("altimeter", np.array([1.0 + self.now]), self.now))
             self._served.feed(self.now, batch)
             expected = self._k + self._k // SLOW
-            assert all(link._closed for link in self._links) or wait_for(lambda: min(self._received) >= expected)  # noqa: B023
+            closed = all(link._closed for link in self._links)
+            assert closed or wait_for(lambda count=expected: min(self._received) >= count)
 
     @staticmethod
     def _name(drone: str, sensor: str) -> str:
