@@ -38,7 +38,8 @@ RULES: dict[str, set[str]] = {
     "demo": LIBRARIES | {"scenario", "runs"},
     "campaign": LIBRARIES | {"scenario", "runs"},
     "console": LIBRARIES | {"scenario", "runs", "live", "planning"},
-    "cli": LIBRARIES | {"scenario", "runs", "live", "planning", "demo", "campaign", "console"},
+    "commission": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},
+    "cli": LIBRARIES | {"scenario", "runs", "live", "planning", "demo", "campaign", "console", "commission"},
     "api": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},
     "__main__": {"cli"},
     "__init__": LIBRARIES | {"scenario", "api"},  # lazily, see PROMPT
@@ -168,7 +169,7 @@ LAYERS: dict[str, list[set[str]]] = {
     "cli": [
         {"output"},
         {"scenarios"},
-        {"cameras", "evidence", "flight", "planning", "studies", "vehicle"},
+        {"cameras", "commissioning", "evidence", "flight", "planning", "studies", "vehicle"},
         {"identification"},
     ],
     "identification/joint": [{"model"}, {"solver"}, {"uncertainty"}, {"estimate"}, {"build", "result"}],

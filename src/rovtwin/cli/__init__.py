@@ -10,6 +10,7 @@ from rovtwin.cli.cameras.calibrate import calibrate
 from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.render import render
 from rovtwin.cli.cameras.track import track
+from rovtwin.cli.commissioning.commission import commission
 from rovtwin.cli.evidence.app import evidence_app
 from rovtwin.cli.flight.console import console
 from rovtwin.cli.flight.links import links
@@ -59,6 +60,7 @@ app.command()(campaign)
 app.command()(tune)
 app.command()(sea)
 app.command()(identify)
+app.command()(commission)
 app.command()(report)
 app.command()(thesis)
 app.command("plan-tests")(plan_tests)

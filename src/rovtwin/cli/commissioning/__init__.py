@@ -1,0 +1,1 @@
+"""rovtwin commission and verify."""

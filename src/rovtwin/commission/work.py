@@ -1,0 +1,107 @@
+"""What a stage works with: the request, the folder of its attempt, the person, and what earlier stages found."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rovtwin.commission.dossier import Dossier
+from rovtwin.commission.request import Request
+from rovtwin.commission.stage import Person
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.link import Link, Source
+from rovtwin.core.user_files.config import parse
+from rovtwin.live.connect import as_read, connect, on_this_machine, source
+from rovtwin.runs.pace import Clock
+from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class Connected:
+    """A vehicle that answers: the link, instruments beside it, the clock that both stamp readings with."""
+
+    link: Link
+    sources: Sequence[Source]
+    clock: Clock
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a stage gets.
+
+    Attributes:
+        dossier: What was asked for and what earlier stages found.
+        folder: Of this attempt.
+        person: Whoever stands at the water.
+    """
+
+    dossier: Dossier
+    folder: Path
+    person: Person
+
+    @property
+    def request(self) -> Request:
+        return self.dossier.request
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """As it is described now, with what this commissioning has identified of it."""
+        return self.request.load_vehicle()
+
+    def file(self, stage: str, key: str) -> Path | None:
+        """A file that a passed stage names in its figures, None where it has not been passed or names none."""
+        passed, name = self.dossier.passed(stage), self.dossier.measured(stage).get(key)
+        return None if passed is None or not name else passed.folder / str(name)
+
+    def current_vehicle(self) -> str:
+        """File or name of the best description so far: identified here, else as given."""
+        for stage in ("identify", "excite"):
+            found = self.file(stage, "vehicle_file")
+            if found is not None and found.exists():
+                return str(found)
+        return self.request.vehicle
+
+    def scenario(self, changes: dict[str, Any], vehicle: str | None = None) -> Scenario:
+        """A scenario of the vehicle in the test tank, its sensors as the link reads them.
+
+        Args:
+            changes: Sections of it.
+            vehicle: Its file; None: the best so far.
+
+        Raises:
+            ConfigError: It is none.
+        """
+        tank = self.request.room
+        half = [0.5 * tank.length, 0.5 * tank.width]
+        walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
+        data = {"name": "commission", "vehicle": vehicle or self.current_vehicle(), "world": walls}
+        data |= {"start": {"position": tank.middle}, "seed": self.request.seed} | changes
+        return as_read(self.request.link, parse(Scenario, data, "commission"))
+
+    @contextmanager
+    def connected(self, scenario: Scenario, observe: bool = False) -> Iterator[Connected]:
+        """The vehicle and its instruments, let go of at the end.
+
+        Args:
+            scenario: With the vehicle that is expected there.
+            observe: Only look.
+
+        Raises:
+            ConfigError: A URL cannot be used.
+            LinkError: Nobody answers.
+        """
+        speed, link = self.request.speed, self.request.link
+        if speed != 1.0 and not on_this_machine(link):
+            raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
+        clock = Clock(speed)
+        with ExitStack() as stack:
+            self.person.progress(f"connecting to {link}")
+            sources = [stack.enter_context(source(url, clock)) for url in self.request.sensors]
+            vehicle = stack.enter_context(connect(link, scenario, clock, observe=observe))
+            yield Connected(vehicle, sources, clock)
+
+    def may_move(self, what: str) -> bool:
+        """A yes of the person to what moves the vehicle next; asked each time."""
+        return self.person.confirm(what)
