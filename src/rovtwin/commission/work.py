@@ -67,7 +67,7 @@ class Work:
         """A scenario of the vehicle in the test tank, its sensors as the link reads them.
 
         Args:
-            changes: Sections of it.
+            changes: Sections of it; without `mission` and `test` it keeps its place in the middle.
             vehicle: Its file; None: the best so far.
 
         Raises:
@@ -78,6 +78,8 @@ class Work:
         walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
         data = {"name": "commission", "vehicle": vehicle or self.current_vehicle(), "world": walls}
         data |= {"start": {"position": tank.middle}, "seed": self.request.seed} | changes
+        if not {"mission", "test"} & set(changes):
+            data["mission"] = {"waypoints": [{"position": tank.middle}]}
         return as_read(self.request.link, parse(Scenario, data, "commission"))
 
     @contextmanager

@@ -1,0 +1,241 @@
+"""From measured columns to words: which thruster or axis is not as the file says.
+
+An axis may answer more or less than the file says, for masses are not identified yet: so measured columns are divided
+by a factor for each axis first, that of the thrusters that push it most. What is left are patterns: a thruster's column
+points the other way, is too short, is another's, or points elsewhere; or rows of all thrusters have changed places.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovtwin.commission.dip.response import LAGS, Columns, columns
+from rovtwin.identification.logs.record import Record
+from rovtwin.vehicle.physics.model import Model
+
+DEAD, WEAK, STRONG = 0.2, 0.75, 1.4  # of the force of the others
+ALIKE, OPPOSITE = 0.8, -0.8  # cosine of two columns
+BETTER = 0.3  # by which another explanation must fit better, as a cosine
+SEEN = 3.0  # standard deviations of a column from which on it is seen at all
+GOOD = 0.8  # cosine of the row of an axis over all thrusters, from which on nothing is wrong with it
+UNSURE = 0.3  # standard deviation over the largest expected answer of an axis, up to which it counts
+PUSHED = 0.15  # of an axis' largest expected answer, from which on a thruster counts for it
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is found of one thruster.
+
+    Attributes:
+        name: Of it.
+        what: ok, reversed, dead, weak, strong, swapped, rotated, unseen.
+        gain: Its force over what the file says, as a share of the others'.
+        alike: Cosine of its column to the file's.
+        other: The one that it is swapped with.
+        direction: Of the force for a positive command, b, where it is rotated.
+    """
+
+    name: str
+    what: str
+    gain: float
+    alike: float
+    other: str = ""
+    direction: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class AxisMistake:
+    """Rows that have changed places or sign for all thrusters alike: a sensor's axes.
+
+    Attributes:
+        sensor: `gyro` or `accelerometer`, whose axes it is.
+        words: What was done to them.
+        before: Mean cosine of columns as written, and after it is put right.
+        after: See `before`.
+    """
+
+    sensor: str
+    words: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """All that pushes tell.
+
+    Attributes:
+        columns: With sensors' axes put right.
+        axes: Mistakes of these.
+        thrusters: What is found of each.
+    """
+
+    columns: Columns
+    axes: list[AxisMistake]
+    thrusters: list[Verdict]
+
+
+def diagnose(model: Model, record: Record, names: list[str]) -> Diagnosis:
+    """From a record of pushes, one thruster at a time, to what is wrong; the gyro's axes first, all else needs them."""
+    mistakes, lags = [], LAGS
+    for sensor, rows in (("gyro", slice(3, 6)), ("accelerometer", slice(0, 3))):
+        found = columns(model, record, lags)
+        lags = (found.lag,)
+        if sensor not in record.signals or not (right := _told(found)[rows]).any():
+            continue
+        before = _likeness(found.measured[rows], found.expected[rows], right)
+        if before > GOOD:
+            continue
+        tried = [(words, order, _refitted(model, record, found, sensor, order, rows)) for words, order in _orders()]
+        words, order, after = max(tried, key=lambda one: one[2])
+        if after > max(GOOD, before + BETTER):
+            mistakes.append(AxisMistake(sensor, words, before, after))
+            record = _turned(record, sensor, order)
+    found = columns(model, record, lags)
+    return Diagnosis(found, mistakes, verdicts(found, names))
+
+
+def _refitted(model: Model, record: Record, found: Columns, sensor: str, order: np.ndarray, rows: slice) -> float:
+    """How alike columns are if a sensor's axes are put in this order; gravity is taken off anew where it counts."""
+    if sensor == "accelerometer":
+        found = columns(model, _turned(record, sensor, order), [found.lag])
+        return _likeness(found.measured[rows], found.expected[rows], _told(found)[rows])
+    measured = order @ np.nan_to_num(found.measured[rows])
+    return _likeness(measured, found.expected[rows], _pushed(found)[rows])
+
+
+def _turned(record: Record, sensor: str, order: np.ndarray) -> Record:
+    signal = record.signals[sensor]
+    return replace(record, signals=record.signals | {sensor: replace(signal, value=signal.value @ order.T)})
+
+
+def _pushed(found: Columns) -> np.ndarray:
+    """Axes that thrusters push by more than by the way, shape (6,), bool, linear and angular apart."""
+    largest = np.abs(found.expected).max(axis=1)
+    most = np.repeat([largest[:3].max(), largest[3:].max()], 3)
+    return largest > PUSHED * np.maximum(most, 1e-12)
+
+
+def _told(found: Columns) -> np.ndarray:
+    """Axes that thrusters push and sensors tell well enough to judge columns by them, shape (6,), bool."""
+    unsure = np.median(found.std, axis=1) / np.maximum(np.abs(found.expected).max(axis=1), 1e-12)
+    return _pushed(found) & np.isfinite(found.measured).all(axis=1) & (unsure < UNSURE)
+
+
+def _likeness(measured: np.ndarray, expected: np.ndarray, counts: np.ndarray) -> float:
+    """How alike rows are whatever the scale of each, 1 if they are: the least cosine of those that count."""
+    norm = np.linalg.norm(measured, axis=1) * np.linalg.norm(expected, axis=1)
+    cosine = np.einsum("an,an->a", measured, expected) / np.maximum(norm, 1e-12)
+    return float(np.min(cosine[counts])) if counts.any() else 1.0
+
+
+def _orders() -> Iterator[tuple[str, np.ndarray]]:
+    """Signed permutations of three axes but the identity, the simplest first; each puts right what its words say."""
+    for signs in sorted(itertools.product((1.0, -1.0), repeat=3), key=lambda s: -sum(s))[1:]:
+        wrong = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0]
+        yield f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign", np.diag(signs)
+    for order in itertools.permutations(range(3)):
+        if order == (0, 1, 2):
+            continue
+        for signs in sorted(itertools.product((1.0, -1.0), repeat=3), key=lambda s: -sum(s)):
+            P = np.diag(signs) @ np.eye(3)[list(order)]
+            named = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[i]}" for i, sign in zip(order, signs, strict=True))
+            yield f"its x, y, z read as {named} would be right", P
+
+
+def verdicts(found: Columns, names: list[str]) -> list[Verdict]:
+    """What is found of each thruster; `unseen` where sensors tell no axis well enough."""
+    if not _told(found).any():
+        return [Verdict(name, "unseen", float("nan"), float("nan")) for name in names]
+    compared = _Compared.of(found)
+    return [compared.verdict(i, names) for i in range(len(names))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """Measured and expected columns, each axis over its largest expected answer, the measured over its factor too.
+
+    Attributes:
+        b: Measured, shape (a, n).
+        B: Expected, shape (a, n).
+        cosine: Of each measured column, row, to each expected one, column, shape (n, n).
+        length: Of each measured column over the expected, as a share of the others', shape (n,).
+        gain: The part of it along the expected, as a share of the others', shape (n,).
+        unsure: One standard deviation of the length, shape (n,).
+        turned: From a direction of a thruster's force to its column here, by thruster, shape (n, a, 3).
+    """
+
+    b: np.ndarray
+    B: np.ndarray
+    cosine: np.ndarray
+    length: np.ndarray
+    gain: np.ndarray
+    unsure: np.ndarray
+    turned: np.ndarray
+
+    @classmethod
+    def of(cls, found: Columns) -> "_Compared":
+        axes = _told(found)
+        largest = np.abs(found.expected[axes]).max(axis=1, keepdims=True)
+        B = found.expected[axes] / largest
+        factor = _factors(found.measured[axes] / largest, B)[:, None]
+        b, std = found.measured[axes] / largest / factor, found.std[axes] / largest / factor
+        size = np.maximum(np.linalg.norm(B, axis=0), 1e-12)
+        gain = np.einsum("ai,ai->i", b, B) / size**2
+        cosine = (b.T @ B) / np.maximum(np.linalg.norm(b, axis=0)[:, None] * size[None, :], 1e-12)
+        sound = np.diag(cosine) > ALIKE
+        usual = float(np.median(gain[sound])) if sound.any() else 1.0
+        turned = np.stack([found.inverse[axes] @ _wrench_of(column) for column in found.configuration.T]) / largest
+        length = np.linalg.norm(b, axis=0) / size
+        return cls(b, B, cosine, length / usual, gain / usual, np.linalg.norm(std, axis=0) / size / usual, turned)
+
+    def verdict(self, i: int, names: list[str]) -> Verdict:
+        """Of one thruster."""
+        own, length, name = float(self.cosine[i, i]), float(self.length[i]), names[i]
+        if length < DEAD or SEEN * self.unsure[i] > length:
+            return Verdict(name, "dead" if self.unsure[i] < DEAD else "unseen", length, own)
+        if (k := self._swapped_with(i)) is not None:
+            return Verdict(name, "swapped", length, own, names[k])
+        if own < OPPOSITE:
+            return Verdict(name, "reversed", length, own)
+        if own > ALIKE:
+            gain = float(self.gain[i])
+            return Verdict(name, "weak" if gain < WEAK else "strong" if gain > STRONG else "ok", gain, own)
+        return Verdict(name, "rotated", length, own, direction=self._direction(i))
+
+    def _swapped_with(self, i: int) -> int | None:
+        """The thruster that does what this one should, while this one does what that one should."""
+        c = self.cosine
+        gains = {k: c[i, k] + c[k, i] - c[i, i] - c[k, k] for k in range(len(c)) if k != i}
+        fits = {k: gain for k, gain in gains.items() if min(c[i, k], c[k, i]) > ALIKE and gain > 2 * BETTER}
+        return max(fits, key=lambda k: fits[k]) if fits else None
+
+    def _direction(self, i: int) -> tuple[float, float, float]:
+        """Of a force through the nearest point of its line to CO that fits the measured column best."""
+        d = np.linalg.lstsq(self.turned[i], self.b[:, i], rcond=None)[0]
+        north, east, down = d / max(float(np.linalg.norm(d)), 1e-12)
+        return float(north), float(east), float(down)
+
+
+def _wrench_of(column: np.ndarray) -> np.ndarray:
+    """From a direction of force to its wrench, at the place nearest to CO on the line of a unit wrench, (6, 3)."""
+    force = column[:3] / max(float(np.linalg.norm(column[:3])), 1e-12)
+    x, y, z = np.cross(force, column[3:])
+    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.concatenate([np.eye(3), lever])
+
+
+def _factors(b: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """By how much each axis answers more than the file says, shape (a,): of the thrusters that push it, the upper ones.
+
+    Sizes alone count, so that one that pushes the wrong way counts, too; the upper ones, so that a dead one does not.
+    """
+    factors = np.ones(len(b))
+    for axis in range(len(b)):
+        pushing = np.abs(B[axis]) > PUSHED
+        if pushing.any():
+            ratio = np.abs(b[axis, pushing] / B[axis, pushing])
+            factors[axis] = max(float(np.quantile(ratio, 0.7)), 1e-3)
+    return factors

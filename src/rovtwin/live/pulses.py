@@ -1,0 +1,214 @@
+"""Commands by a time-line, without an autopilot: a few seconds of thrust at a time, watched, and logged.
+
+For what comes before an autopilot can be trusted: whether thrusters and sensors are what the file says.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.core.datum import utc_now
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.link import Link, Source
+from rovtwin.core.log import LogWriter
+from rovtwin.core.numerics import Array
+from rovtwin.core.user_files.jsontext import to_json
+from rovtwin.identification.logs.rotations import matrices_from_euler
+from rovtwin.live.flight import metadata_of
+from rovtwin.live.readiness import SensorMux, listen
+from rovtwin.live.recorder import live_channels
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.compose.sensors import rotated
+from rovtwin.runs.interrupt import Interrupt
+from rovtwin.runs.pace import Clock, Pace
+from rovtwin.runs.recording.provenance import beginning
+from rovtwin.scenario.schema import Scenario
+
+NEEDED = {"gyro": "", "attitude": ""}  # without these nobody would see it tip over
+SILENT = 0.5  # since anything came from the vehicle, from which on thrusters stop [s, real time]
+COMMAND = "autopilot/command"
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse:
+    """A command that holds for a while.
+
+    Attributes:
+        what: In words.
+        command: From -1 to 1, shape (n,).
+        seconds: How long.
+    """
+
+    what: str
+    command: np.ndarray
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Guard:
+    """What ends pulses before their time.
+
+    Attributes:
+        tilt: Largest angle of the vehicle's z axis to the vertical [rad].
+        deepest: Largest depth that is measured [m].
+    """
+
+    tilt: float = np.radians(40.0)
+    deepest: float = np.inf
+
+
+@dataclass(frozen=True)
+class Pulsed:
+    """What came of it.
+
+    Attributes:
+        log: The log: readings and commands.
+        ended: Why it ended before its time, "" if it did not.
+        spans: Start [s], end [s] and words of each pulse that was begun.
+        readings: Number by sensor.
+        rates: Readings a second of each sensor before it [Hz].
+    """
+
+    log: Path
+    ended: str
+    spans: tuple[tuple[float, float, str], ...]
+    readings: dict[str, int]
+    rates: dict[str, float]
+
+
+def fly_pulses(
+    scenario: Scenario,
+    link: Link,
+    sources: Sequence[Source],
+    clock: Clock,
+    folder: Path,
+    pulses: Sequence[Pulse],
+    guard: Guard,
+    confirm: Callable[[], bool],
+    progress: Callable[[float, str], None] = lambda t, what: None,
+) -> Pulsed:
+    """Listen, ask, arm, send each command for its time, and stop; thrusters are off at the end, however it comes.
+
+    Args:
+        scenario: With the vehicle and its sensors, as the link reads them.
+        link: To the vehicle, open.
+        sources: Instruments beside it, open.
+        clock: That link and sources stamp readings with.
+        folder: For `log.mcap`.
+        pulses: One after the other; none: readings are logged for no time at all.
+        guard: Limits.
+        confirm: Asked before arming; without a yes nothing is sent.
+        progress: Called about twice a second.
+
+    Raises:
+        ConfigError: The scenario cannot be composed.
+        LinkError: The vehicle is not there, is silent, or refuses to arm. One that is lost on the way ends it.
+        LogError: The folder cannot be written.
+    """
+    simulation = compose(scenario)
+    mux = SensorMux(link, sources)
+    rotation = rotated(simulation.loop.twin.sensors).get("attitude")
+    ready = listen(
+        mux, simulation.sensor_names, lambda line: progress(0.0, line), clock.speed, needed=NEEDED, rotation=rotation
+    )
+    names = set(simulation.sensor_names)
+    channels = [
+        channel
+        for channel in live_channels(scenario, simulation.thruster_names, simulation.sensor_names)
+        if channel.name == COMMAND or channel.name.startswith("sensor/")
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    log = folder / "log.mcap"
+    with LogWriter(log, channels, metadata_of(scenario, simulation, folder)) as writer:
+        if not confirm():
+            return Pulsed(log, "it was not confirmed", (), {}, ready.rates)
+        link.arm()
+        try:
+            run = _Run(scenario, link, mux, clock, writer, guard, names, rotation)
+            return Pulsed(log, *run.through(pulses, progress), ready.rates)
+        finally:
+            link.stop()
+
+
+class _Run:
+    """The loop."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        link: Link,
+        mux: SensorMux,
+        clock: Clock,
+        writer: LogWriter,
+        guard: Guard,
+        names: set[str],
+        rotation: Array | None,
+    ):
+        self._link, self._mux, self._clock, self._writer, self._guard = link, mux, clock, writer, guard
+        self._dt, self._names = scenario.control_dt, names
+        self._to_body = np.eye(3) if rotation is None else np.asarray(rotation).T
+        self._counts: dict[str, int] = {}
+        self._pace = Pace()
+        mux.drain()
+        mux.zero = self._began = clock.next(self._dt)
+        writer.annotate(beginning(scenario, utc_now()))
+
+    def through(
+        self, pulses: Sequence[Pulse], progress: Callable[[float, str], None]
+    ) -> tuple[str, tuple[tuple[float, float, str], ...], dict[str, int]]:
+        """Why it ended early, spans, readings."""
+        spans: list[tuple[float, float, str]] = []
+        k, ended = 0, ""
+        with Interrupt() as interrupt:
+            for pulse in pulses:
+                start, last = k, k + round(pulse.seconds / self._dt)
+                spans.append((start * self._dt, last * self._dt, pulse.what))
+                while k < last and not ended:
+                    ended = self._tick(k, pulse.command) or ("interrupted" if interrupt.asked else "")
+                    if k % max(1, round(0.5 / self._dt)) == 0:
+                        progress(k * self._dt, pulse.what)
+                    k += 1
+                if ended:
+                    break
+        if not ended.startswith("link lost"):
+            self._link.send(Command(np.zeros(len(pulses[0].command))))  # type: ignore[arg-type]  (NumPy: for a link)
+        self._writer.annotate({"spans": to_json(spans)})
+        return ended, tuple(spans), self._counts
+
+    def _tick(self, k: int, command: np.ndarray) -> str:
+        """Wait, read, look, send, log; why it ends, "" while it goes on."""
+        self._pace.wait(self._began + k * self._dt, self._clock, self._clock.speed)
+        try:
+            ended = self._watched(self._mux.read())
+            if ended:
+                return ended
+            self._link.send(Command(command))  # type: ignore[arg-type]  (NumPy: for a link)
+        except LinkError as error:
+            return f"link lost: {error}"
+        self._writer.write(COMMAND, k * self._dt, command)
+        return ""
+
+    def _watched(self, readings: Sequence[Measurement]) -> str:
+        if self._link.age > SILENT:
+            return f"link lost: nothing came from the vehicle for {self._link.age:.1f} s"
+        for reading in readings:
+            if reading.sensor not in self._names:
+                continue
+            value = np.asarray(reading.value, dtype=float)
+            t = max(0.0, self._clock() - self._began)
+            self._writer.write(f"sensor/{reading.sensor}", t, np.append(value, reading.t_valid))
+            self._counts[reading.sensor] = self._counts.get(reading.sensor, 0) + 1
+            if reading.sensor == "attitude":
+                R_nb = matrices_from_euler(value[None])[0] @ self._to_body
+                tilt = float(np.arccos(np.clip(R_nb[2, 2], -1.0, 1.0)))
+                if tilt > self._guard.tilt:
+                    most = np.degrees(self._guard.tilt)
+                    return f"it tilted by {np.degrees(tilt):.0f} deg, at most {most:.0f} are allowed"
+            if reading.sensor == "leak" and value[0] > 0.5:
+                return "the leak sensor reports water"
+            if reading.sensor == "pressure" and value[0] > self._guard.deepest:
+                return f"it was {value[0]:.2f} m deep, at most {self._guard.deepest:.2f} m are allowed"
+        return ""
