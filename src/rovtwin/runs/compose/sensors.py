@@ -10,10 +10,10 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.core.sensors import ESSENTIAL, IMU, SENSORS, kind_of, names_of
+from rovtwin.core.sensors import ESSENTIAL, IMU, SENSORS, SensorKind, kind_of, names_of
 from rovtwin.gnc.mounting import Mount
 from rovtwin.runs.compose.faults import sensor_faults
-from rovtwin.scenario.schema import Scenario, SensorSection
+from rovtwin.scenario.schema import Scenario, SensorSection, WorldSection
 from rovtwin.simulation.sensors.sensor import Sensor, table_5_7, usual_sensor
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.description.instruments import Instrument, instruments
@@ -119,7 +119,11 @@ def sensors_of(scenario: Scenario, vehicle: Vehicle) -> dict[str, Sensor]:
         raise ConfigError(
             "mission: a way-point has an altitude, but there is no altimeter on board; set sensors.altimeter to true"
         )
-    changes = {name: changes_of(section.by_name[name]) if name in section.by_name else {} for name in found.names}
+    changes = {
+        name: _of_the_place(scenario.world, SENSORS[kind_of(name)])
+        | (changes_of(section.by_name[name]) if name in section.by_name else {})
+        for name in found.names
+    }
     for name, given in sensor_faults(scenario, {name: SENSORS[kind_of(name)].size for name in found.names}).items():
         changes[name] |= given | {"blackouts": [*changes[name].get("blackouts", []), *given["blackouts"]]}
     physics = scenario.rates.physics
@@ -143,6 +147,11 @@ def _figures(carried: Instrument | None, physics_rate: float) -> dict[str, Any]:
     return figures | {"lever": carried.position, "rotation": carried.rotation}
 
 
+def _of_the_place(world: WorldSection, row: SensorKind) -> dict[str, Any]:
+    """Argument of a `Sensor` that reads something of the place it is at."""
+    return {"site": getattr(world, row.world).vector} if row.world else {}
+
+
 def changes_of(section: SensorSection) -> dict[str, Any]:
     """Arguments of `Sensor` that a scenario gives."""
     given = section.model_dump(exclude_none=True, exclude={"on_board", "position", "attitude_deg"})
@@ -158,7 +167,7 @@ def changes_of(section: SensorSection) -> dict[str, Any]:
 def mount_of(sensor: Sensor) -> Mount:
     """A sensor as observers know it; one without noise counts as good as one of its kind."""
     noise = np.asarray(sensor.noise)
-    std = np.where(noise > 0.0, noise, SENSORS[sensor.kind].std)
+    std = np.where(noise > 0.0, noise, sensor.row.std)
     return Mount(float(std[0]) if np.all(std == std[0]) else std, sensor.lever, sensor.rotation)
 
 
@@ -202,7 +211,7 @@ def listed(scenario: Scenario, vehicle: Vehicle) -> list[str]:
         origin = found.part_of(name) or ("switched on here" if name in found.added else "assumed, thesis table 5.7")
         place = ", ".join(f"{x:.4g}" for x in np.asarray(sensor.lever))
         noise = ", ".join(f"{x:.3g}" for x in sorted(set(np.asarray(sensor.noise).tolist())))
-        unit = SENSORS[sensor.kind].units[0]
+        unit = sensor.row.units[0]
         silent = sensor.kind == "battery" and scenario.battery is None
         figures = "silent: no battery is simulated, set battery to true" if silent else f"noise {noise} {unit}"
         lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, {figures}")

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
 
 from rovtwin.core.sensors import ESSENTIAL, SENSORS, kind_of
 from rovtwin.core.user_files.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
@@ -46,7 +46,12 @@ class SensorSection(Strict):
         return windows
 
 
-class SensorsSection(Strict):
+_Preset = Literal["vehicle", "table_5_7", "as_printed"]
+_KEYS: dict[str, Any] = {"preset": (_Preset, "vehicle")} | {kind: (SensorSection, SensorSection()) for kind in SENSORS}
+_OfTheTable = create_model("_OfTheTable", __base__=Strict, **_KEYS)
+
+
+class SensorsSection(_OfTheTable):
     """Sensors on board: those of the vehicle's parts (`vehicle`), or in their place those of thesis table 5.7 at CO.
 
     `table_5_7` has the biases of that table put right, `as_printed` as printed. Beside the sensors by kind, the second
@@ -56,16 +61,7 @@ class SensorsSection(Strict):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, SensorSection] = Field(init=False)  # type: ignore[assignment]  (typed extras)
 
-    preset: Literal["vehicle", "table_5_7", "as_printed"] = "vehicle"
-    position: SensorSection = SensorSection()
-    pressure: SensorSection = SensorSection()
-    accelerometer: SensorSection = SensorSection()
-    gyro: SensorSection = SensorSection()
-    attitude: SensorSection = SensorSection()
-    dvl: SensorSection = SensorSection()
-    altimeter: SensorSection = SensorSection()
-    battery: SensorSection = SensorSection()
-    leak: SensorSection = SensorSection()
+    preset: _Preset = "vehicle"
 
     @property
     def by_name(self) -> dict[str, SensorSection]:

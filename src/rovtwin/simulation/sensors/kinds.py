@@ -62,4 +62,7 @@ IDEAL: dict[str, Ideal] = {
     "battery": lambda sensor, seen: jnp.zeros(2) if seen.energy is None else seen.energy,
     "leak": lambda sensor, seen: jnp.zeros(1) if seen.leak is None else seen.leak.astype(float)[None],
 }
+SITE: dict[str, tuple[float, ...]] = {}
+"""What a kind reads of a usual place, as the key `SensorKind.world` of a scenario's world gives it."""
+
 BEAM = {"altimeter": 0, "dvl": 2}  # the axis along which the floor must be in range

@@ -16,7 +16,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.core.sensors import ESSENTIAL, SENSORS
+from rovtwin.core.sensors import ESSENTIAL, SENSORS, SensorKind
 from rovtwin.simulation.checks import (
     require,
     require_finite,
@@ -30,7 +30,7 @@ from rovtwin.simulation.checks import (
 )
 from rovtwin.simulation.noise import raw_key
 from rovtwin.simulation.sensors.acoustic import AcousticErrors, AcousticState
-from rovtwin.simulation.sensors.kinds import BEAM, IDEAL, SensorInput, range_along
+from rovtwin.simulation.sensors.kinds import BEAM, IDEAL, SITE, SensorInput, range_along
 from rovtwin.simulation.sensors.values import Offsets, offsets_of, per_axis, spans_of
 
 __all__ = ["PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7", "usual_sensor"]
@@ -75,10 +75,8 @@ class Sensor(Block):
     reading = ideal + bias + wander + noise (+ outlier); all per axis of the sensor.
 
     Attributes:
-        kind: "position" (north, east [m]), "pressure" (depth [m]), "accelerometer" (specific force [m/s2]), "gyro"
-            [rad/s], "attitude" (zyx Euler [rad], wrapped), "dvl" (velocity over ground [m/s]), "altimeter" (distance to
-            the floor along its x axis [m]), "battery" (charge of the emptiest, 0 to 1, and power of all [W]) or
-            "leak" (0 or 1).
+        kind: A row of `core.sensors.SENSORS`, which says what it reads, in which unit and frame.
+        row: That row.
         rate: Millihertz, int.
         physics_rate: Of the clock k, millihertz, int.
         latency_steps: Physics steps from a reading to its delivery, int.
@@ -98,9 +96,11 @@ class Sensor(Block):
         lever: Its place seen from CO, b [m], shape (3,).
         rotation: R_bs, maps its axes to b, shape (3, 3).
         errors: Of an acoustic position, beside the rest; or None.
+        site: What it reads of the place (`row.world`), or None.
     """
 
     kind: str = eqx.field(static=True)
+    row: SensorKind = eqx.field(static=True)
     rate: int = eqx.field(static=True)
     physics_rate: int = eqx.field(static=True)
     latency_steps: int = eqx.field(static=True)
@@ -120,6 +120,7 @@ class Sensor(Block):
     lever: Array
     rotation: Array
     errors: AcousticErrors | None
+    site: Array | None
 
     def __init__(
         self,
@@ -144,15 +145,16 @@ class Sensor(Block):
         lever: Any = (0.0, 0.0, 0.0),
         rotation: Any = None,
         errors: AcousticErrors | str | None = None,
+        site: Any = None,
     ):
         """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps.
 
         `offsets` are (from, to, bias), one for each span. An altimeter looks down unless `rotation` is given, all else
-        ahead. `errors` is "acoustic" for those of an Underwater GPS as it was fitted.
+        ahead. `errors` is "acoustic" for those of an Underwater GPS as it was fitted. `site` is usual unless given.
         """
         if kind not in SENSORS:
             raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
-        self.kind = kind
+        self.kind, self.row = kind, SENSORS[kind]
         self.rate, self.physics_rate = round(1000 * rate_hz), round(1000 * physics_rate_hz)
         if not 0 < self.rate <= self.physics_rate:
             raise ConfigError(f"{kind}.rate: found {rate_hz} Hz, expected above 0 and at most {physics_rate_hz} Hz")
@@ -172,6 +174,8 @@ class Sensor(Block):
         straight = DOWN if kind == "altimeter" else np.eye(3)
         self.rotation = as_array(straight if rotation is None else rotation)
         self.errors = AcousticErrors() if errors == "acoustic" else errors  # type: ignore[assignment]  (checked)
+        site = SITE.get(kind) if site is None else site
+        self.site = None if site is None else as_array(site)
         self._check(as_array(latency))
 
     def _check(self, latency: Array) -> None:
@@ -206,7 +210,7 @@ class Sensor(Block):
     @property
     def size(self) -> int:
         """Number of values in a reading."""
-        return SENSORS[self.kind].size
+        return self.row.size
 
     def readings_before(self, k: Any) -> Any:
         """How many readings are taken in physics steps 0 .. k - 1; int, or an int array like k."""
