@@ -45,9 +45,11 @@ class SensorKind:
         return len(self.fields)
 
 
-def _kind(fields: str, unit: str, frame: str, description: str, *usual: float, signal: str = "") -> SensorKind:
+def _kind(
+    fields: str, unit: str, frame: str, description: str, *usual: float, signal: str = "", world: str = ""
+) -> SensorKind:
     names = tuple(fields.split())
-    return SensorKind(names, (unit,) * len(names), frame, description, *usual, signal=signal)
+    return SensorKind(names, (unit,) * len(names), frame, description, *usual, signal=signal, world=world)
 
 
 SENSORS: dict[str, SensorKind] = {
@@ -60,10 +62,20 @@ SENSORS: dict[str, SensorKind] = {
     "altimeter": _kind("range", "m", "sensor", "distance to the floor along the beam", 10.0, 0.01),
     "battery": SensorKind(("charge", "power"), ("1", "W"), "", "charge of the emptiest battery, power of all", 1.0),
     "leak": _kind("leak", "1", "", "1 when water comes in", 1.0),
+    "magnetometer": _kind("x y z", "uT", "sensor", "magnetic field", 50.0, 0.2, world="magnetic_field"),
 }
-"""By kind. Figures of the first five: thesis table 5.7, with the biases of accelerometer and gyro put right."""
+"""By kind. Figures of the first five: thesis table 5.7, with the biases of accelerometer and gyro put right.
 
-SHOWN_ONLY = ("magnetometer", "sonar", "imager")
+Of the magnetometer: resolution of Honeywell's HMC5983, 2 mG. Its bias is the hard iron around it, which is the
+vehicle's.
+"""
+
+EARTH_FIELD = (52.2, 75.0, 5.0)
+"""Strength [uT], inclination (down positive) and declination (east positive) [deg] of the Earth's magnetic field at the
+default datum, 63.45 N 10.36 E, in 2025 (IGRF-14).
+"""
+
+SHOWN_ONLY = ("sonar", "imager")
 """What a vehicle may carry besides and nobody simulates."""
 
 
@@ -92,6 +104,7 @@ PLAUSIBLE = {
     "dvl": Plausible(0.3, math.inf, "0.005 in a small Doppler log", "mm/s or cm/s"),
     "altimeter": Plausible(1.0, math.inf, "0.01 to 0.05 in an echo sounder", "mm or cm"),
     "position": Plausible(20.0, math.inf, "0.03 to 2 with acoustics", "cm"),
+    "magnetometer": Plausible(5.0, 1000.0, "0.02 to 0.5 in MEMS units", "nT"),
 }
 """By kind, where a number may well be in another unit."""
 
