@@ -16,7 +16,7 @@ from rovtwin.core.flow import Slot
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.core.sensors import IMU
+from rovtwin.core.sensors import IMU, SENSORS
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.live.connect import as_read
@@ -228,8 +228,8 @@ def test_identification_reads_one_of_two_pressure_sensors(tmp_path):
     """A log with both: the depth is that of the first, with its place, and the other is named."""
     simulation = compose(scenario())
     names, t = simulation.thruster_names, np.arange(0.0, 2.0, 0.1)
-    channels = [c for c in log_channels(names, simulation.sensor_names, 10, True) if c.name == "autopilot/command"]
-    channels += [sensor_channel("pressure"), sensor_channel("pressure_2")]
+    channels = [c for c in log_channels(names, simulation.sensor_kinds, 10, True) if c.name == "autopilot/command"]
+    channels += [sensor_channel(name, SENSORS["pressure"]) for name in ("pressure", "pressure_2")]
     with LogWriter(tmp_path / "log.mcap", channels, provenance(simulation.scenario, simulation)) as log:
         log.write_many("autopilot/command", t, np.zeros((len(t), len(names))))
         for name, depth in (("pressure", 1.0), ("pressure_2", 1.16)):
@@ -273,9 +273,9 @@ def test_a_magnetometer_on_board_is_like_every_other_sensor():
     assert (sensor.rate, sensor.latency_steps, float(sensor.dropout)) == (20_000, 50, 0.2)
     assert sensor.offsets is not None and sensor.offsets.value.tolist() == [[30.0, 0.0, 0.0]]
     assert any("magnetometer (iron.compass)" in line and "uT" in line for line in listed(found, vehicle_of(found)))
-    channel = sensor_channel("magnetometer")
+    channel = sensor_channel("magnetometer", sensor.row)
     assert channel.fields == ("x", "y", "z", "t_valid") and channel.units == ("uT", "uT", "uT", "s")
-    assert values_of(["magnetometer"])["magnetometer"]["units"] == ["uT"] * 3
+    assert values_of({"magnetometer": (sensor.row.fields, sensor.row.units)})["magnetometer"]["units"] == ["uT"] * 3
     switched_on = flown("sensors.magnetometer=true")["magnetometer"]
     assert float(switched_on.noise[0]) == 0.2 and switched_on.site is not None
     with pytest.raises(ConfigError, match="magnetic_field.strength_ut: found 48000, expected a number of at most"):

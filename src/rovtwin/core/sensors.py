@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
+FRAMES = ("n", "sensor", "")
 _NUMBERED = re.compile(r"_[2-9]\d*$|_1\d+$")
 
 

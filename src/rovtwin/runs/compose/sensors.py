@@ -1,19 +1,23 @@
 """Sensors of a run: those that the vehicle carries, at their places, and what the scenario adds and changes."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.core.sensors import ESSENTIAL, IMU, SENSORS, SensorKind, kind_of, names_of
+from rovtwin.core.sensors import ESSENTIAL, IMU, SENSORS, SensorKind, kind_named, kind_of, names_of
 from rovtwin.gnc.mounting import Mount
 from rovtwin.runs.compose.faults import sensor_faults
-from rovtwin.scenario.schema import Scenario, SensorSection, WorldSection
+from rovtwin.runs.compose.own_blocks import own_sensor
+from rovtwin.scenario.schema import OwnSensorSection, Scenario, SensorSection, WorldSection
+from rovtwin.simulation.sensors.own import kind_of_block
 from rovtwin.simulation.sensors.sensor import Sensor, table_5_7, usual_sensor
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.description.instruments import Instrument, instruments
@@ -29,19 +33,22 @@ class OnBoard:
         carried: Of the vehicle's parts, by name; none where a preset is flown in their place.
         assumed: Kinds that every mission needs and the vehicle does not carry, at CO with usual figures.
         added: Kinds that the scenario switches on, likewise.
+        own: Sensors of one's own, by name.
         preset: Of the scenario.
     """
 
     carried: dict[str, Instrument]
     assumed: tuple[str, ...]
     added: tuple[str, ...]
+    own: dict[str, OwnSensorSection]
     preset: str
 
     @cached_property
     def names(self) -> list[str]:
-        """All of them, kinds in order of `core.sensors.SENSORS`."""
+        """All of them, kinds in order of `core.sensors.SENSORS`, one's own last."""
         found = [*self.carried, *self.assumed, *self.added]
-        return sorted(found, key=lambda name: (list(SENSORS).index(kind_of(name)), len(name), name))
+        ours = sorted(found, key=lambda name: (list(SENSORS).index(kind_of(name)), len(name), name))
+        return ours + list(self.own)
 
     def part_of(self, name: str) -> str:
         """The part that carries a sensor, such as `port.imu`; empty where none does."""
@@ -97,9 +104,9 @@ def on_board(scenario: Scenario, vehicle: Vehicle) -> OnBoard:
     leaks = any(fault.fault == "leak" for fault in scenario.faults)
     asked += ["leak"] if leaks and "leak" not in (*carried, *asked) else []
     added = tuple(name for name in asked if name in SENSORS and name not in assumed)
-    found = OnBoard(carried, assumed, added, section.preset)
+    found = OnBoard(carried, assumed, added, section.own, section.preset)
     for name, one in section.by_name.items():
-        if name not in found.names and (one.on_board or changes_of(one)):
+        if name not in found.names and not isinstance(one, OwnSensorSection) and (one.on_board or changes_of(one)):
             fix = f"set sensors.{name}.on_board to true to have one" if name in SENSORS else "expected one of "
             there_are = "" if name in SENSORS else ", ".join(found.names)
             raise ConfigError(f"sensors.{name}: there is none on board; {fix}{there_are}")
@@ -119,22 +126,47 @@ def sensors_of(scenario: Scenario, vehicle: Vehicle) -> dict[str, Sensor]:
         raise ConfigError(
             "mission: a way-point has an altitude, but there is no altimeter on board; set sensors.altimeter to true"
         )
+    own = _own_of(scenario)
+    rows = _rows_of(found, own)
     changes = {
-        name: _of_the_place(scenario.world, SENSORS[kind_of(name)])
+        name: _of_the_place(scenario.world, rows[name])
         | (changes_of(section.by_name[name]) if name in section.by_name else {})
         for name in found.names
     }
-    for name, given in sensor_faults(scenario, {name: SENSORS[kind_of(name)].size for name in found.names}).items():
+    for name, given in sensor_faults(scenario, {name: row.size for name, row in rows.items()}).items():
         changes[name] |= given | {"blackouts": [*changes[name].get("blackouts", []), *given["blackouts"]]}
     physics = scenario.rates.physics
-    if section.preset != "vehicle":
-        return table_5_7(section.preset == "as_printed", physics, changes, found.added)
-    return {
-        name: usual_sensor(
-            kind_of(name), **({"physics_rate_hz": physics} | _figures(found.carried.get(name), physics) | changes[name])
-        )
-        for name in found.names
+    beside = {
+        name: usual_sensor(name, **({"physics_rate_hz": physics} | changes.pop(name)), own=block)
+        for name, block in own.items()
     }
+    if section.preset != "vehicle":
+        return table_5_7(section.preset == "as_printed", physics, changes, found.added) | beside
+    ours = {
+        name: usual_sensor(
+            kind_of(name), **({"physics_rate_hz": physics} | _figures(found.carried.get(name), physics) | given)
+        )
+        for name, given in changes.items()
+    }
+    return ours | beside
+
+
+def kinds_on_board(scenario: Scenario, vehicle: Vehicle) -> dict[str, SensorKind]:
+    """What each sensor reads, by name.
+
+    Raises:
+        ConfigError: The scenario changes a sensor that is not there, or one of one's own cannot be made.
+    """
+    return _rows_of(on_board(scenario, vehicle), _own_of(scenario))
+
+
+def _own_of(scenario: Scenario) -> dict[str, Block]:
+    """Blocks of the sensors of one's own that fly, by name."""
+    return {name: own_sensor(one, f"{scenario.name}: sensors.{name}") for name, one in scenario.sensors.own.items()}
+
+
+def _rows_of(found: OnBoard, own: Mapping[str, Block]) -> dict[str, SensorKind]:
+    return {name: kind_of_block(own[name]) if name in own else kind_named(name) for name in found.names}
 
 
 def _figures(carried: Instrument | None, physics_rate: float) -> dict[str, Any]:
@@ -152,9 +184,12 @@ def _of_the_place(world: WorldSection, row: SensorKind) -> dict[str, Any]:
     return {"site": getattr(world, row.world).vector} if row.world else {}
 
 
+_NO_FIGURES = {"on_board", "position", "attitude_deg", "kind", "settings"}
+
+
 def changes_of(section: SensorSection) -> dict[str, Any]:
     """Arguments of `Sensor` that a scenario gives."""
-    given = section.model_dump(exclude_none=True, exclude={"on_board", "position", "attitude_deg"})
+    given = section.model_dump(exclude_none=True, exclude=_NO_FIGURES)
     if section.errors == "none":
         given["errors"] = None  # which replaces the part's
     if section.position is not None:
@@ -208,7 +243,8 @@ def listed(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     """A line for each sensor that flies: its name, where it comes from, its place, rate and noise."""
     found, lines = on_board(scenario, vehicle), ["sensors that fly:"]
     for name, sensor in sensors_of(scenario, vehicle).items():
-        origin = found.part_of(name) or ("switched on here" if name in found.added else "assumed, thesis table 5.7")
+        here = "your own" if name in found.own else "switched on here" if name in found.added else ""
+        origin = found.part_of(name) or here or "assumed, thesis table 5.7"
         place = ", ".join(f"{x:.4g}" for x in np.asarray(sensor.lever))
         noise = ", ".join(f"{x:.3g}" for x in sorted(set(np.asarray(sensor.noise).tolist())))
         unit = sensor.row.units[0]

@@ -31,6 +31,7 @@ from rovtwin.simulation.checks import (
 from rovtwin.simulation.noise import raw_key
 from rovtwin.simulation.sensors.acoustic import AcousticErrors, AcousticState
 from rovtwin.simulation.sensors.kinds import BEAM, IDEAL, SITE, SensorInput, range_along
+from rovtwin.simulation.sensors.own import kind_of_block, seen_at
 from rovtwin.simulation.sensors.values import Offsets, offsets_of, per_axis, spans_of
 
 __all__ = ["PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7", "usual_sensor"]
@@ -48,12 +49,14 @@ class Wear(eqx.Module):
         last: The last valid reading, shape (n,), or None where the sensor never freezes.
         known: Whether there was one, bool, or None.
         acoustic: Of an acoustic position's errors, or None.
+        own: Memory of the block that is a sensor of one's own, or None.
     """
 
     wander: Array
     last: Array | None
     known: Array | None
     acoustic: AcousticState | None = None
+    own: Any = None
 
 
 class SensorMemory(eqx.Module):
@@ -75,7 +78,7 @@ class Sensor(Block):
     reading = ideal + bias + wander + noise (+ outlier); all per axis of the sensor.
 
     Attributes:
-        kind: A row of `core.sensors.SENSORS`, which says what it reads, in which unit and frame.
+        kind: A row of `core.sensors.SENSORS`, which says what it reads, in which unit and frame; of one's own its name.
         row: That row.
         rate: Millihertz, int.
         physics_rate: Of the clock k, millihertz, int.
@@ -97,6 +100,7 @@ class Sensor(Block):
         rotation: R_bs, maps its axes to b, shape (3, 3).
         errors: Of an acoustic position, beside the rest; or None.
         site: What it reads of the place (`row.world`), or None.
+        own: Block that gives the ideal reading of a sensor of one's own, or None.
     """
 
     kind: str = eqx.field(static=True)
@@ -121,6 +125,7 @@ class Sensor(Block):
     rotation: Array
     errors: AcousticErrors | None
     site: Array | None
+    own: Block | None
 
     def __init__(
         self,
@@ -146,15 +151,14 @@ class Sensor(Block):
         rotation: Any = None,
         errors: AcousticErrors | str | None = None,
         site: Any = None,
+        own: Block | None = None,
     ):
         """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps.
 
         `offsets` are (from, to, bias), one for each span. An altimeter looks down unless `rotation` is given, all else
         ahead. `errors` is "acoustic" for those of an Underwater GPS as it was fitted. `site` is usual unless given.
         """
-        if kind not in SENSORS:
-            raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
-        self.kind, self.row = kind, SENSORS[kind]
+        self.kind, self.row, self.own = kind, _row(kind, own), own
         self.rate, self.physics_rate = round(1000 * rate_hz), round(1000 * physics_rate_hz)
         if not 0 < self.rate <= self.physics_rate:
             raise ConfigError(f"{kind}.rate: found {rate_hz} Hz, expected above 0 and at most {physics_rate_hz} Hz")
@@ -237,7 +241,8 @@ class Sensor(Block):
         freezes = self.frozen is not None
         last, known = (jnp.zeros(self.size), jnp.zeros((), dtype=bool)) if freezes else (None, None)
         acoustic = None if self.errors is None else self.errors.init(jax.random.fold_in(key, 1))
-        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known, acoustic), under_way)
+        own = None if self.own is None else self.own.init(jax.random.fold_in(key, 2), start)
+        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known, acoustic, own), under_way)
 
     def step(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[SensorMemory, Slot]:
         """One physics step of `dt` seconds, which must be that of `physics_rate`."""
@@ -280,7 +285,7 @@ class Sensor(Block):
         (white, walk, direction), (lost, odd) = _draw(jax.random.fold_in(memory.key, input.k), n)
         t = (input.k + 1) * dt
         wander = memory.wear.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
-        ideal = IDEAL[self.kind](self, input)
+        own, ideal = self._ideal(memory.wear.own, input, dt)
         value = ideal + self.bias + wander + self.noise * white
         outlier = self.outlier_size * direction / jnp.sqrt((direction**2).sum())
         value = value + jnp.where(odd < self.outlier, outlier, 0.0)
@@ -296,6 +301,8 @@ class Sensor(Block):
             value, comes = value + error, comes & fixed
         # A gauge knows nothing where no battery is simulated: full for ever, it would keep every rule about it asleep.
         valid = comes & (self.kind != "battery" or input.energy is not None)
+        if self.own is not None:
+            valid = valid & jnp.isfinite(value).all()
         if self.kind in BEAM and (self.kind == "altimeter" or input.environment.floor is not None):
             away = range_along(BEAM[self.kind], self, input)
             valid = valid & (away > 0.0) & (away >= self.min_range) & (away <= self.max_range)
@@ -308,7 +315,21 @@ class Sensor(Block):
         # A reading that never was must not leak out through its filler.
         value = jnp.where(valid, value, 0.0)
         t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
-        return Wear(wander, last, known, acoustic), Slot(value[None], valid[None], t_valid[None])
+        return Wear(wander, last, known, acoustic, own), Slot(value[None], valid[None], t_valid[None])
+
+    def _ideal(self, own: Any, input: SensorInput, dt: float) -> tuple[Any, Array]:
+        """Memory of a block of one's own, and the reading without any error."""
+        if self.own is None:
+            return None, IDEAL[self.kind](self, input)
+        return self.own.step(own, seen_at(self, input, dt), 1000.0 / self.rate)
+
+
+def _row(kind: str, own: Block | None) -> SensorKind:
+    if own is not None:
+        return kind_of_block(own)
+    if kind not in SENSORS:
+        raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
+    return SENSORS[kind]
 
 
 def _draw(key: Array, n: int) -> tuple[Array, Array]:
@@ -331,12 +352,10 @@ def usual_sensor(kind: str, **given: Any) -> Sensor:
     """A sensor with the usual figures of its kind.
 
     Args:
-        kind: A row of `core.sensors.SENSORS`.
+        kind: A row of `core.sensors.SENSORS`, or the name of one's own.
         given: Arguments of `Sensor` that differ.
     """
-    if kind not in SENSORS:
-        raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
-    row = SENSORS[kind]
+    row = _row(kind, given.get("own"))
     figures: dict[str, Any] = {"rate_hz": row.rate_hz, "noise": row.std, "bias": row.bias}
     return Sensor(kind, **(figures | given))
 
