@@ -103,7 +103,7 @@ def test_a_scenario_silences_changes_and_adds():
         (["sensors.dvl_3.noise=1"], "sensors.dvl_3: there is none on board; expected one of position, pressure"),
         (["sensors.leak.noise=1"], "sensors.leak: there is none on board; set sensors.leak.on_board to true"),
         (["sensors.pressure=false"], "found pressure: false, but autopilots and tests need one"),
-        (["sensors.dvk=false"], "sensors.dvk: no such key. Did you mean 'dvl'?"),
+        (["sensors.dvk=false"], "sensors: dvk: no such key. Did you mean 'dvl'?"),
         (["sensors.dvl_2.nois=1"], "sensors.dvl_2.nois: no such key. Did you mean 'noise'?"),
     ],
 )

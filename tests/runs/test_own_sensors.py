@@ -11,7 +11,7 @@ from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.sensors import SensorKind
 from rovtwin.core.trust import VARIABLE
-from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.compose.composition import compose, vehicle_of
 from rovtwin.runs.compose.own_blocks import own_sensor
 from rovtwin.runs.compose.sensors import kinds_on_board, listed
 from rovtwin.runs.recording.channels import log_channels, sensor_channel
@@ -165,7 +165,6 @@ def test_it_flies_beside_the_others_and_the_log_knows_its_fields():
     assert channel.fields == ("oxygen", "warmth", "t_valid") and channel.units == ("umol/L", "degC", "s")
     assert "probes" in provenance(scenario, run)["own_code"]
     assert kinds_on_board(scenario, run.vehicle) == run.sensor_kinds
-    assert any("probe (your own)" in line and "5 Hz" in line for line in listed(scenario, run.vehicle))
     again = scenario_of(yaml.safe_load(dump_scenario(scenario)), "again.yaml")
     assert again.sensors.own == scenario.sensors.own and dict(again.sensors.own)
 
@@ -180,6 +179,8 @@ def test_without_consent_nothing_is_imported(folder, monkeypatch):
     monkeypatch.setenv(VARIABLE, "")
     with pytest.raises(ConfigError, match="mine: sensors.probe: names code, probes:Probe, which would be run"):
         compose(load_scenario(written("probes:Probe")))
+    shown = load_scenario("mine.yaml")
+    assert listed(shown, vehicle_of(shown))[-1] == "  probe (your own): probes:Probe"
     assert not (folder / "imported").exists()
     off = load_scenario(written({"kind": "probes:Probe", "on_board": False}))
     assert "probe" not in compose(off).sensor_names and not (folder / "imported").exists()

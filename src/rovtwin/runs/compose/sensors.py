@@ -234,21 +234,33 @@ def together(sensors: dict[str, Sensor], kind: str) -> tuple[float, float] | Non
     return float(np.sqrt(rate / information)), rate
 
 
+def without_own(scenario: Scenario) -> Scenario:
+    """The scenario without sensors of one's own and their faults, for what has no use for them; it needs no consent."""
+    section = scenario.sensors
+    if not section.own:
+        return scenario
+    off = {name: one.model_copy(update={"on_board": False}) for name, one in section.own.items()}
+    faults = [fault for fault in scenario.faults if fault.sensor not in off and not off.keys() & {*fault.sensors}]
+    return scenario.model_copy(update={"sensors": section.model_copy(update=off), "faults": faults})
+
+
 def measures(scenario: Scenario, vehicle: Vehicle, kind: str) -> bool:
     """Whether a sensor of a kind is on board."""
     return any(kind_of(name) == kind for name in on_board(scenario, vehicle).names)
 
 
 def listed(scenario: Scenario, vehicle: Vehicle) -> list[str]:
-    """A line for each sensor that flies: its name, where it comes from, its place, rate and noise."""
+    """A line for each sensor that flies: its name, where it comes from, its place, rate and noise.
+
+    Of one's own it is what names its code, which is not run.
+    """
     found, lines = on_board(scenario, vehicle), ["sensors that fly:"]
-    for name, sensor in sensors_of(scenario, vehicle).items():
-        here = "your own" if name in found.own else "switched on here" if name in found.added else ""
-        origin = found.part_of(name) or here or "assumed, thesis table 5.7"
+    for name, sensor in sensors_of(without_own(scenario), vehicle).items():
+        origin = found.part_of(name) or ("switched on here" if name in found.added else "assumed, thesis table 5.7")
         place = ", ".join(f"{x:.4g}" for x in np.asarray(sensor.lever))
         noise = ", ".join(f"{x:.3g}" for x in sorted(set(np.asarray(sensor.noise).tolist())))
         unit = sensor.row.units[0]
         silent = sensor.kind == "battery" and scenario.battery is None
         figures = "silent: no battery is simulated, set battery to true" if silent else f"noise {noise} {unit}"
         lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, {figures}")
-    return lines
+    return lines + [f"  {name} (your own): {one.kind}" for name, one in found.own.items()]
