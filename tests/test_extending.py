@@ -19,6 +19,7 @@ from rovtwin.identification.logs.readers import detect, read_record
 from rovtwin.live.connect import source
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.pace import Clock
+from rovtwin.simulation.sensors.kinds import SensorInput
 from rovtwin.vehicle.physics.dynamics import State
 
 PAGES = Path(__file__).parents[1] / "docs" / "extending"
@@ -125,3 +126,40 @@ def test_a_reader(installed, tmp_path):
     with pytest.raises(IdentificationError, match="unknown ending '.xyz'.*.dlg"):
         path.rename(tmp_path / "pool.xyz")
         detect(tmp_path / "pool.xyz")
+
+
+def with_sensors() -> dict:
+    """The scenario `square` with what the page says of sensors."""
+    import yaml
+
+    (text,) = blocks("sensor.md", "yaml")
+    return rovtwin.load_scenario("square").model_dump(mode="json") | yaml.safe_load(text)
+
+
+def test_a_sensor(installed, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "turbidity:Turbidity")
+    points = {"rovtwin.sensors": {"turbidity": "turbidity:Turbidity"}}
+    (checked,), names = installed("sensor.md", "turbidity", points)
+    run = compose(rovtwin.load_scenario(with_sensors()))
+    sensor, twin = run.loop.twin.sensors["turbidity"], run.loop.twin
+    state = State.at(twin.model, Start.at((2.7, 1.5, 2.0)))
+    _, environment = twin.world.step(twin.world.init(run.key, run.start), state, 0.002)
+    own, value = sensor._ideal(None, SensorInput(state, state.nu, np.array(0), environment), 0.002)
+    # 0.3 m ahead of CO it is a width of the plume east of its source.
+    np.testing.assert_allclose(value, [0.5 + 20.0 * np.exp(-0.5)], rtol=1e-12)
+    assert own is None and float(sensor.noise[0]) == 0.2 and sensor.latency_steps == 250
+    assert twin.sensors["beside"].frozen is not None and float(twin.sensors["beside"].noise[0]) == 0.05
+    monkeypatch.setenv(VARIABLE, "")  # what is installed needs no consent
+    named = rovtwin.load_scenario("square", overrides=["sensors.murk={kind: turbidity}"])
+    assert compose(named).sensor_kinds["murk"] == names["Turbidity"].kind
+    exec(checked, names)
+
+
+@pytest.mark.slow
+def test_a_sensor_is_flown_and_logged(installed, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "1")
+    installed("sensor.md", "turbidity", {})
+    flight = rovtwin.fly(with_sensors(), overrides=["duration=2"], say=lambda line: None)
+    series = flight.log["sensor/turbidity"]
+    assert series.channel.fields == ("turbidity", "t_valid") and series.channel.units == ("NTU", "s")
+    assert len(series) in (15, 16) and (series.values[:, 0] > 0.0).all() and "own_code" in flight.log.metadata

@@ -9,13 +9,14 @@ import yaml
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
+from rovtwin.console.engine.reporting.setup import values_of
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.core.sensors import IMU
+from rovtwin.core.sensors import IMU, SENSORS
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.live.connect import as_read
@@ -102,7 +103,7 @@ def test_a_scenario_silences_changes_and_adds():
         (["sensors.dvl_3.noise=1"], "sensors.dvl_3: there is none on board; expected one of position, pressure"),
         (["sensors.leak.noise=1"], "sensors.leak: there is none on board; set sensors.leak.on_board to true"),
         (["sensors.pressure=false"], "found pressure: false, but autopilots and tests need one"),
-        (["sensors.dvk=false"], "sensors.dvk: no such key. Did you mean 'dvl'?"),
+        (["sensors.dvk=false"], "sensors: dvk: no such key. Did you mean 'dvl'?"),
         (["sensors.dvl_2.nois=1"], "sensors.dvl_2.nois: no such key. Did you mean 'noise'?"),
     ],
 )
@@ -227,8 +228,8 @@ def test_identification_reads_one_of_two_pressure_sensors(tmp_path):
     """A log with both: the depth is that of the first, with its place, and the other is named."""
     simulation = compose(scenario())
     names, t = simulation.thruster_names, np.arange(0.0, 2.0, 0.1)
-    channels = [c for c in log_channels(names, simulation.sensor_names, 10, True) if c.name == "autopilot/command"]
-    channels += [sensor_channel("pressure"), sensor_channel("pressure_2")]
+    channels = [c for c in log_channels(names, simulation.sensor_kinds, 10, True) if c.name == "autopilot/command"]
+    channels += [sensor_channel(name, SENSORS["pressure"]) for name in ("pressure", "pressure_2")]
     with LogWriter(tmp_path / "log.mcap", channels, provenance(simulation.scenario, simulation)) as log:
         log.write_many("autopilot/command", t, np.zeros((len(t), len(names))))
         for name, depth in (("pressure", 1.0), ("pressure_2", 1.16)):
@@ -246,3 +247,36 @@ def test_spare_sensors_are_spare_wherever_their_vehicle_is_a_part():
     assert names["starboard.imu"] and not names["port.imu"]
     spare = {".".join(one.name.split(".")[-2:]) for one in vehicle_of(scenario()).sensors if one.spare}
     assert spare == {"starboard.imu", "starboard.compass", "starboard.pressure"}
+
+
+IRON = {
+    "name": "iron",
+    "pose": {"attitude_deg": [0, 0, 90]},
+    "mass": 0.1,
+    "volume": 0.0001,
+    "sensors": [{"name": "compass", "kind": "magnetometer", "bias": [12.0, -5.0, 3.0], "rate_hz": 20}],
+}
+
+
+def test_a_magnetometer_on_board_is_like_every_other_sensor():
+    """In a vehicle's file and a scenario's world, with faults, in the log, on the console: by its row in the table."""
+    mine = MINE | {"parts": [{"name": "rov", "part": "double_blueye"}, IRON]}
+    place = {"strength_ut": 48.0, "inclination_deg": 66.0, "declination_deg": -2.0}
+    base = load_scenario("lawnmower_calm").model_dump(mode="json")
+    faults = [{"sensor": "magnetometer", "fault": "biased", "value": [30, 0, 0], "at": 5}]
+    changes = {"world": base["world"] | {"magnetic_field": place}, "faults": faults}
+    found = scenario(vehicle=mine, sensors={"magnetometer": {"latency": 0.1, "dropout": 0.2}}, **changes)
+    sensor = sensors_of(found, vehicle_of(found))["magnetometer"]
+    np.testing.assert_array_equal(sensor.site, [48.0, 66.0, -2.0])
+    np.testing.assert_array_equal(sensor.bias, [12.0, -5.0, 3.0])
+    np.testing.assert_allclose(sensor.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert (sensor.rate, sensor.latency_steps, float(sensor.dropout)) == (20_000, 50, 0.2)
+    assert sensor.offsets is not None and sensor.offsets.value.tolist() == [[30.0, 0.0, 0.0]]
+    assert any("magnetometer (iron.compass)" in line and "uT" in line for line in listed(found, vehicle_of(found)))
+    channel = sensor_channel("magnetometer", sensor.row)
+    assert channel.fields == ("x", "y", "z", "t_valid") and channel.units == ("uT", "uT", "uT", "s")
+    assert values_of({"magnetometer": (sensor.row.fields, sensor.row.units)})["magnetometer"]["units"] == ["uT"] * 3
+    switched_on = flown("sensors.magnetometer=true")["magnetometer"]
+    assert float(switched_on.noise[0]) == 0.2 and switched_on.site is not None
+    with pytest.raises(ConfigError, match="magnetic_field.strength_ut: found 48000, expected a number of at most"):
+        load_scenario("square", ["world.magnetic_field={strength_ut: 48000}"])

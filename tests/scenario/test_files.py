@@ -80,7 +80,7 @@ def test_a_preset_can_be_named_and_then_changed():
         ("seed=[", "not YAML"),
         ("autopilot=pid", "no autopilot 'pid'"),
         ("autopilot.observer.tuning=printed", "expected 'consistent' or 'as_printed'"),
-        ("sensors.gyros.latency=1", "sensors.gyros: no such key. Did you mean 'gyro'?"),
+        ("sensors.gyros.latency=1", "sensors: gyros: no such key. Did you mean 'gyro'?"),
         ("sensors.position.latency=1e12", "sensors.position.latency: found 1000000000000.0"),
         ("sensors.position.blackouts=[[140, 80]]", "begins before it ends"),
         ("duration=true", "duration: found True"),

@@ -8,6 +8,7 @@ from tests.simulation.helper import mean_interval, state, variance_interval
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Environment
+from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.sensors import SENSORS
 from rovtwin.simulation.sensors.kinds import IDEAL
@@ -102,6 +103,29 @@ def test_noise_and_bias_of_every_kind(kind):
         assert stats.kstest(z[:, i], "norm").pvalue > 1e-4
         for j in range(i):
             assert abs((z[:, i] * z[:, j]).mean()) < mean_interval(6000)  # axes on their own
+
+
+def test_a_magnetometer_reads_the_field_of_the_place():
+    """Components and angles of IGRF-14 at 63.45 N 10.4 E on 2025-01-01, as the package ppigrf 2.1.0 gives them."""
+    igrf = np.array([13.504135, 1.176857, 50.435171])  # north, east, down [uT]
+    level = state((0.0, 0.0, 2.0))
+    sensor = Sensor("magnetometer", 50.0, site=(52.225024, 74.956282, 4.980622))
+    np.testing.assert_allclose(ideal(sensor, level), igrf, atol=1e-5)
+    # Without a place it is at the default one, whose figures are rounded.
+    np.testing.assert_allclose(ideal(Sensor("magnetometer", 50.0), level), igrf, atol=0.1)
+    R = np.asarray(rotation_from_quaternion(SOMEWHERE.attitude))
+    ahead, back = Sensor("magnetometer", 50.0), Sensor("magnetometer", 50.0, rotation=np.diag([-1.0, -1.0, 1.0]))
+    np.testing.assert_allclose(R @ ideal(ahead), ideal(ahead, level), atol=1e-12)
+    np.testing.assert_allclose(ideal(back), ideal(ahead) * [-1.0, -1.0, 1.0], atol=1e-12)
+
+
+def test_a_compass_made_of_a_magnetometer_points_to_magnetic_north():
+    """Heading by the horizontal field, levelled by roll and pitch, is true heading less declination."""
+    phi, theta, psi = ideal(Sensor("attitude", 100.0))
+    x, y, z = ideal(Sensor("magnetometer", 50.0, site=(52.2, 75.0, 5.0)))
+    ahead = x * np.cos(theta) + (y * np.sin(phi) + z * np.cos(phi)) * np.sin(theta)
+    aside = y * np.cos(phi) - z * np.sin(phi)
+    np.testing.assert_allclose(np.degrees(np.arctan2(-aside, ahead)), np.degrees(psi) - 5.0, atol=1e-9)
 
 
 def test_bias_walk_grows_with_the_square_root_of_time():

@@ -10,8 +10,10 @@ import numpy as np
 
 from rovtwin.core.arrays.flat import EXACT
 from rovtwin.core.block import Block, Start
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.log.channel import Channel
 from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.sensors import FRAMES, SENSORS, SensorKind
 
 KEY = "keep the numbers of a key by jax.random.key_data"
 
@@ -55,6 +57,28 @@ def require_block(block: Any, input: Any, output: Any, dt: float, where: str) ->
             )
     if output is not None:
         require_same_form(given, output, f"{where}: output of step")
+
+
+def require_kind(kind: Any, where: str) -> None:
+    """Raise ConfigError unless the `kind` of a sensor of one's own says what its readings hold, as a log needs it."""
+    if not isinstance(kind, SensorKind):
+        raise ConfigError(f"{where}: kind: found {_named(kind)}, expected a rovtwin.core.sensors.SensorKind")
+    for name in ("fields", "units"):
+        found = getattr(kind, name)
+        if not (isinstance(found, tuple) and found and all(isinstance(one, str) for one in found)):
+            raise ConfigError(f"{where}: kind.{name}: found {found!r}, expected a tuple of texts, one for each value")
+    try:
+        Channel("sensor/own", (*kind.fields, "t_valid"), (*kind.units, "s"), "")
+    except LogError as error:
+        why = str(error).removeprefix("channel 'sensor/own': ")
+        raise ConfigError(f"{where}: kind: {why}") from error
+    for name, known in (("frame", FRAMES), ("world", {row.world for row in SENSORS.values()})):
+        if (found := getattr(kind, name)) not in known:
+            raise ConfigError(f"{where}: kind.{name}: found {found!r}, expected one of {sorted(known)}")
+    for name, least in (("rate_hz", 0.0), ("std", 0.0), ("bias", -np.inf)):
+        found = getattr(kind, name)
+        if isinstance(found, bool) or not isinstance(found, int | float) or not least <= found < np.inf:
+            raise ConfigError(f"{where}: kind.{name}: found {found!r}, expected a finite number, {least:g} or more")
 
 
 def form_of(block: Block, input: Any, dt: float, where: str) -> tuple[Any, Any, Any]:

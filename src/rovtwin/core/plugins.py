@@ -18,6 +18,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.trust import is_address
 
 BLOCKS, LINKS, READERS = "rovtwin.blocks", "rovtwin.links", "rovtwin.readers"
+OWN_SENSORS = "rovtwin.sensors"
 
 
 def installed(group: str) -> dict[str, EntryPoint]:

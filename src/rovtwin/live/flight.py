@@ -99,7 +99,7 @@ def fly_live(
         monitor, unwatched = monitor_of(simulation, scenario) if thrust else (None, "")
         if unwatched:
             warn(f"what has changed of the vehicle is not watched: {unwatched}")
-        channels = live_channels(scenario, simulation.thruster_names, simulation.sensor_names, monitor)
+        channels = live_channels(scenario, simulation.thruster_names, simulation.sensor_kinds, monitor)
         with (
             LogWriter(folder / "log.mcap", channels, metadata) as log,
             closing(LiveRecorder(scenario, log.write_many, folder, monitor)) as recorder,

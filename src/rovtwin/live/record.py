@@ -13,7 +13,7 @@ from rovtwin.core.log import LogWriter
 from rovtwin.core.sensors import SENSORS
 from rovtwin.live.readiness import SensorMux
 from rovtwin.runs.compose.composition import vehicle_of
-from rovtwin.runs.compose.sensors import on_board
+from rovtwin.runs.compose.sensors import kinds_on_board
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.runs.pace import Clock
 from rovtwin.runs.recording.channels import sensor_channel
@@ -45,9 +45,9 @@ def record(
         LogError: The file cannot be written.
     """
     counts: Counter[str] = Counter()
-    names = list(dict.fromkeys([*SENSORS, *on_board(scenario, vehicle_of(scenario)).names]))
+    kinds = SENSORS | kinds_on_board(scenario, vehicle_of(scenario))
     left_out: set[str] = set()
-    channels = [sensor_channel(name) for name in names]
+    channels = [sensor_channel(name, kind) for name, kind in kinds.items()]
     metadata = {"name": scenario.name, "scenario": dump_scenario(scenario), "live": "true"}
     metadata |= beginning(scenario, utc_now())
     with LogWriter(path, channels, metadata) as log, Interrupt() as interrupt:
@@ -58,7 +58,7 @@ def record(
         shown = 0.0
         while not interrupt.asked and (duration is None or clock() - began < duration):
             for reading in mux.read():
-                if reading.sensor in names:
+                if reading.sensor in kinds:
                     log.write(f"sensor/{reading.sensor}", clock() - began, np.append(reading.value, reading.t_valid))
                     counts[reading.sensor] += 1
                 elif reading.sensor not in left_out:

@@ -1,6 +1,7 @@
 """What is kept of a flight over a link: estimates, decisions, readings, and how the loop kept time; no truth."""
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from rovtwin.core.errors import LogError
 from rovtwin.core.flow import AutopilotOutput, Measurements
 from rovtwin.core.log import Channel
+from rovtwin.core.sensors import SensorKind
 from rovtwin.monitoring.flight import FlightMonitor
 from rovtwin.runs.loop import Record
 from rovtwin.runs.recording.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
@@ -26,7 +28,7 @@ HOST = ("late_ms", "link_age", "thrust_on")
 
 
 def live_channels(
-    scenario: Scenario, thrusters: list[str], sensors: list[str], monitor: FlightMonitor | None = None
+    scenario: Scenario, thrusters: list[str], sensors: Mapping[str, SensorKind], monitor: FlightMonitor | None = None
 ) -> list[Channel]:
     """Channels of a flight over a link: those of a simulated one without the truth, the host's and the monitor's."""
     channels = log_channels(thrusters, sensors, scenario.log.rate, scenario.log.sensors)

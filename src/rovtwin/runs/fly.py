@@ -200,7 +200,7 @@ def _into_folder(
 def _channels(scenario: Scenario, simulation: Simulation) -> list[Channel]:
     return log_channels(
         simulation.thruster_names,
-        simulation.sensor_names,
+        simulation.sensor_kinds,
         scenario.log.rate,
         scenario.log.sensors,
         scenario.world.moving_surface,

@@ -16,7 +16,7 @@ from rovtwin.gnc.navigation.smoother import Smoothed, smooth
 from rovtwin.gnc.navigation.tuning import SENSOR_STD
 from rovtwin.runs.compose.autopilot import navigation_filter
 from rovtwin.runs.compose.composition import start_of, vehicle_of
-from rovtwin.runs.compose.sensors import sensors_of
+from rovtwin.runs.compose.sensors import sensors_of, without_own
 from rovtwin.runs.recording.channels import ETA, ETA_UNITS, NU, NU_UNITS
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
@@ -63,7 +63,7 @@ def smooth_run(path: Path) -> SmoothedRun:
     section = scenario.autopilot
     if not isinstance(section, ModelBasedSection):
         section = ModelBasedSection(type="model_based")
-    filter = navigation_filter(section, model, sensors_of(scenario, vehicle))
+    filter = navigation_filter(section, model, sensors_of(without_own(scenario), vehicle))
     sensors = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
     last = max(log[name].t[-1] for name in sensors)
     ticks = round(last / dt) + 1

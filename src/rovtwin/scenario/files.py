@@ -168,7 +168,7 @@ def _apply(data: dict[str, Any], text: str) -> None:
     if not equals or not key.strip():
         raise ConfigError(f"--set {text}: expected key=value, such as world.current=[0.1,0,0]")
     found = parse_yaml(f"value: {value}", f"--set {text}")["value"]
-    if key.strip().partition(".")[0] in ("autopilot", "world"):
+    if key.strip().partition(".")[0] in ("autopilot", "sensors", "world"):
         consent_to_addresses(found)  # whoever calls the program names this code, no file does
     put(data, key.strip(), found, f"--set {text}")
 
@@ -218,6 +218,8 @@ def _check_path(path: list[str], where: str) -> None:
         names = list(section.model_fields)
         if section is SensorsSection and kind_of(step) in SENSORS:
             step = kind_of(step)  # the vehicle says how many there are
+        elif section is SensorsSection and step not in names:
+            return  # of one's own, or a mistake: the section knows
         if step not in names:
             raise ConfigError(f"{where}: {'.'.join(path[: depth + 1])}: no such key.{near(step, names)}")
         annotation = section.model_fields[step].annotation

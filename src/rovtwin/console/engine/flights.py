@@ -55,7 +55,7 @@ class FlightLog:
         self._simulation, self._helm, self._watch = simulation, helm, watch
         self._monitor = None if watch is None else watch.begin()
         metadata = metadata_of(scenario, simulation, self.folder) | no_mission_yet()
-        channels = live_channels(scenario, simulation.thruster_names, simulation.sensor_names, self._monitor)
+        channels = live_channels(scenario, simulation.thruster_names, simulation.sensor_kinds, self._monitor)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder, self._monitor)
         self._rows: list[Any] = []

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.reporting.state import SHOWN, progress
+from rovtwin.console.engine.reporting.state import HIDDEN, progress
 from rovtwin.console.replays.replay import Recording
 from rovtwin.console.replays.tape import Held
 from rovtwin.core.flow import PHASES
@@ -77,7 +77,7 @@ def _sensors(recording: Recording, t: np.ndarray) -> list[Column]:
         last = held.last(t)
         received = last >= 0
         found.append((f"sensors.{name}.age", 0, np.where(received, t - held.t[np.maximum(last, 0)], np.nan)))
-        if kind_of(name) in SHOWN:
+        if kind_of(name) not in HIDDEN:
             found.append((f"sensors.{name}.value", held.values.shape[1], _where(received, held, t)))
     return found
 

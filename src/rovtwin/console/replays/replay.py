@@ -162,7 +162,8 @@ class Recording:
             fixed = described(self.scenario, self.vehicle)
         home = self.tape["eta"].values[0, :3] if "eta" in self.tape else None
         sensors = sorted(self.readings)
-        names = {"thrusters": self.thrusters, "sensors": sensors, "readings": values_of(sensors)}
+        readings = values_of({name: (held.fields, held.units) for name, held in self.readings.items()})
+        names = {"thrusters": self.thrusters, "sensors": sensors, "readings": readings}
         return (
             {"kind": "setup", "size": SIZE, "home": home, "twin": "truth" in self.tape, "missing": []} | names | fixed
         )

@@ -33,10 +33,12 @@ SOURCES = {  # what the console shows: the channels that have it, the best first
 
 @dataclass(frozen=True)
 class Held:
-    """Samples that hold until the next: times [s], shape (n,), values, shape (n, m)."""
+    """Samples that hold until the next: times [s], shape (n,), values, shape (n, m), of a sensor what they are."""
 
     t: np.ndarray
     values: np.ndarray
+    fields: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def at(self, times: ArrayLike) -> np.ndarray:
         """Values at times [s], shape (..., m); before the first sample it is the first."""
@@ -71,8 +73,9 @@ def readings_of(log: Log) -> dict[str, Held]:
     found = {}
     for channel in (name for name in log if name.startswith(SENSOR) and len(log[name])):
         series = log[channel]
-        timed = series.channel.fields[-1] == "t_valid"
-        found[channel.removeprefix(SENSOR)] = Held(series.t, series.values[:, :-1] if timed else series.values)
+        fields, units = series.channel.fields, series.channel.units
+        n = len(fields) - (fields[-1] == "t_valid")
+        found[channel.removeprefix(SENSOR)] = Held(series.t, series.values[:, :n], fields[:n], units[:n])
     return found
 
 

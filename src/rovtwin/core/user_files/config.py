@@ -196,8 +196,9 @@ def _inside(annotation: Any, step: int | str) -> tuple[list[Any], Any]:
     """Types found one step further, and the pydantic field stepped through, if it was one."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         field = annotation.model_fields.get(str(step))
-        if field is None:  # the name of a union's branch: stays where it is
-            return [annotation], None
+        if field is None:  # a name of the user's where the class has such; else that of a union's branch: stays here
+            of_user = get_args(annotation.__annotations__.get("__pydantic_extra__"))
+            return _candidates(of_user[1]) if of_user else [annotation], None
         return _candidates(field.annotation), field
     arguments = get_args(annotation)
     if get_origin(annotation) in (list, tuple, dict) and arguments:

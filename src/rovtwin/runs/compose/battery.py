@@ -25,7 +25,7 @@ def battery_of(scenario: Scenario, vehicle: Vehicle) -> Battery | None:
         ConfigError: The vehicle has no battery, or none of a name.
     """
     if scenario.battery is None:
-        if scenario.sensors.battery.on_board:
+        if scenario.sensors.by_name["battery"].on_board:
             raise ConfigError("sensors.battery: no battery is simulated; set battery to true")
         return None
     sources = vehicle.power_sources

@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.core.sensors import SENSORS
+from rovtwin.core.sensors import SENSORS, SensorKind
 from rovtwin.gnc.guidance.mission import mission as mission_of
 from rovtwin.gnc.navigation.accuracy_bound import position_bound
 from rovtwin.gnc.scales import VehicleScales
@@ -24,7 +24,7 @@ from rovtwin.runs.compose.faults import faults_of, listed
 from rovtwin.runs.compose.fit_experiment import fitted_test
 from rovtwin.runs.compose.fitting import fitted
 from rovtwin.runs.compose.inside import require_inside
-from rovtwin.runs.compose.own_blocks import forces_of
+from rovtwin.runs.compose.own_blocks import forces_of, require_own_sensors
 from rovtwin.runs.compose.sensors import OnBoard, on_board, sensors_of, together
 from rovtwin.runs.compose.tethers import tethers_of
 from rovtwin.runs.compose.topside import topside_of
@@ -75,6 +75,11 @@ class Simulation:
     def mismatch(self) -> dict[str, float] | None:
         """How the true vehicle of a simulated run differs from the model, by factors; None where it does not."""
         return mismatch_of(self.scenario.world, self.vehicle, self.model, self.loop.twin.model)
+
+    @property
+    def sensor_kinds(self) -> dict[str, SensorKind]:
+        """What each sensor reads, by name."""
+        return {name: sensor.row for name, sensor in self.loop.twin.sensors.items()}
 
     @cached_property
     def on_board(self) -> OnBoard:
@@ -171,6 +176,7 @@ def compose(
         ),
         topside=topside_of(scenario),
     )
+    require_own_sensors(scenario, loop.twin, start, physics_dt)
     return Simulation(
         loop=loop,
         key=key_run,

@@ -11,15 +11,18 @@ from dataclasses import replace
 from typing import Any
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.contract import form_of, of_arrays, require_block
+from rovtwin.core.contract import form_of, of_arrays, require_block, require_kind
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
-from rovtwin.core.numerics import jnp
-from rovtwin.core.plugins import BLOCKS, load, module_of
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.plugins import BLOCKS, OWN_SENSORS, load, module_of
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput
-from rovtwin.scenario.schema import ModelBasedSection
+from rovtwin.scenario.schema import ModelBasedSection, OwnSensorSection, Scenario
 from rovtwin.scenario.schema.own_block import OwnBlock
+from rovtwin.simulation.sensors.own import OwnSensorInput, seen_at
+from rovtwin.simulation.sensors.sensor import Sensor, SensorInput
+from rovtwin.simulation.twin import Twin
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.physics.dynamics import State
 
@@ -68,18 +71,18 @@ def with_own_blocks(
     return replace(autopilot, **parts, guarded=True)
 
 
-def made(one: OwnBlock, offered: Mapping[str, Any], where: str) -> Any:
+def made(one: OwnBlock, offered: Mapping[str, Any], where: str, group: str = BLOCKS) -> Any:
     """What the class or function at an address makes of the offered things that it has arguments for, and of settings.
 
     Raises:
         ConfigError: It cannot be found, is nothing that makes Blocks, cannot be called so, or fails.
     """
-    target, where = load(one.block, BLOCKS, where), f"{where}: {one.block}"
+    target, where = load(one.block, group, where), f"{where}: {one.block}"
     if isinstance(target, Block):
         if one.settings:
             raise ConfigError(f"{where}: found settings for a block that is made already, expected a class or function")
         return target
-    _require_maker(target, module_of(one.block, BLOCKS), where)
+    _require_maker(target, module_of(one.block, group), where)
     maker: Callable[..., Any] = getattr(target, "of", target) if isinstance(target, type) else target
     try:
         names = inspect.signature(maker).parameters
@@ -132,6 +135,45 @@ def forces_of(forces: Sequence[OwnBlock], plant: Model, start: Start, dt: float,
         require_block(block, State.at(plant, start), jnp.zeros(6), dt, f"{label}: {one.block}")
         blocks.append(block)
     return tuple(blocks)
+
+
+def own_sensor(section: OwnSensorSection, where: str) -> Block:
+    """A sensor of one's own: a Block with a `kind` that says what it reads.
+
+    Raises:
+        ConfigError: It cannot be found or made, or its kind is none.
+    """
+    block = of_arrays(made(OwnBlock(block=section.kind, settings=section.settings), {}, where, OWN_SENSORS), where)
+    label = f"{where}: {section.kind}"
+    if not isinstance(block, Block):
+        raise ConfigError(f"{label}: found {type(block).__name__}, expected a rovtwin.Block with init and step")
+    require_kind(getattr(block, "kind", None), label)
+    return block
+
+
+def require_own_sensors(scenario: Scenario, twin: Twin, start: Start, dt: float) -> None:
+    """That each takes what a sensor sees and gives a reading of its kind, and keeps the form of its memory.
+
+    Args:
+        scenario: That names them.
+        twin: With them on board.
+        start: Where the run begins.
+        dt: Physics step [s].
+
+    Raises:
+        ConfigError: One does not.
+    """
+    for name, sensor in twin.sensors.items():
+        if sensor.own is None:
+            continue
+
+        def see(sensor: Sensor = sensor) -> OwnSensorInput:
+            state = State.at(twin.model, start)
+            _, environment = twin.world.step(twin.world.init(jax.random.key(0), start), state, dt)
+            return seen_at(sensor, SensorInput(state, jnp.zeros(6), jnp.asarray(0), environment), dt)
+
+        label = f"{scenario.name}: sensors.{name}: {scenario.sensors.own[name].kind}"
+        require_block(sensor.own, jax.eval_shape(see), jnp.zeros(sensor.size), 1000.0 / sensor.rate, label)
 
 
 def _inputs(autopilot: Autopilot, empty: Measurements, dt: float) -> dict[str, Any]:

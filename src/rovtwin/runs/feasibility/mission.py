@@ -382,7 +382,7 @@ def _fixes_std(scenario: Scenario, sensors: dict[str, Sensor] | None) -> float:
     """Of a horizontal position fix [m]; 0 with a Doppler log on board, which tells a fix's error from a motion."""
     if sensors is not None and together(sensors, "dvl"):
         return 0.0
-    fixes, given = together(sensors or {}, "position"), scenario.sensors.position.noise
+    fixes, given = together(sensors or {}, "position"), scenario.sensors.by_name["position"].noise
     return (fixes[0] if fixes else 0.0) or (SENSORS["position"].std if given is None else float(np.max(given)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.log import Channel
 from rovtwin.core.numerics import jax
-from rovtwin.core.sensors import kind_named
+from rovtwin.core.sensors import SensorKind
 from rovtwin.runs.loop import Record
 
 ETA, NU, TAU = ("x", "y", "z", "phi", "theta", "psi"), ("u", "v", "w", "p", "q", "r"), ("X", "Y", "Z", "K", "M", "N")
@@ -22,7 +22,7 @@ _euler = jax.jit(jax.vmap(euler_from_quaternion))
 
 def log_channels(
     thrusters: list[str],
-    sensors: list[str],
+    sensors: Mapping[str, SensorKind],
     rate: float,
     with_sensors: bool,
     moving_surface: bool = False,
@@ -33,7 +33,7 @@ def log_channels(
 
     Args:
         thrusters: Their names.
-        sensors: Their names.
+        sensors: What each reads, by name.
         rate: Of truth and autopilot channels [1/s].
         with_sensors: Whether readings are logged.
         moving_surface: Whether the world's surface moves.
@@ -86,13 +86,12 @@ def log_channels(
         for n, f, u, frame, d in table
     ]
     if with_sensors:
-        channels += [sensor_channel(name) for name in sensors]
+        channels += [sensor_channel(name, kind) for name, kind in sensors.items()]
     return channels
 
 
-def sensor_channel(name: str) -> Channel:
+def sensor_channel(name: str, kind: SensorKind) -> Channel:
     """The channel of a sensor's readings, which are followed by the time at which they were valid."""
-    kind = kind_named(name)
     fields, units = (*kind.fields, "t_valid"), (*kind.units, "s")
     return Channel(f"sensor/{name}", fields, units, kind.frame, description=kind.description)
 

@@ -11,7 +11,7 @@ import numpy as np
 from rovtwin._version import __version__
 from rovtwin.core.datum import METADATA_KEY
 from rovtwin.core.numerics import jax
-from rovtwin.core.plugins import BLOCKS, origin
+from rovtwin.core.plugins import BLOCKS, OWN_SENSORS, origin
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.runs.compose.composition import Simulation
 from rovtwin.runs.compose.experiment import spans_of
@@ -53,10 +53,11 @@ def provenance(scenario: Scenario, simulation: Simulation) -> dict[str, str]:
 
 
 def _own_code(scenario: Scenario) -> dict[str, str]:
-    """Which code flew as blocks and forces of one's own, by what the scenario calls it; nothing where there is none."""
+    """Which code flew as blocks, forces and sensors of one's own, by what the scenario calls it; nothing of none."""
     blocks = scenario.autopilot.own_blocks if isinstance(scenario.autopilot, ModelBasedSection) else {}
-    named = {one.label for one in (*blocks.values(), *scenario.world.forces)}
-    return {"own_code": to_json({name: origin(name, BLOCKS) for name in sorted(named)})} if named else {}
+    named = {one.label: BLOCKS for one in (*blocks.values(), *scenario.world.forces)}
+    named |= {one.kind: OWN_SENSORS for one in scenario.sensors.own.values()}
+    return {"own_code": to_json({name: origin(name, named[name]) for name in sorted(named)})} if named else {}
 
 
 def flown_points(scenario: Scenario) -> list[dict[str, Any]]:

@@ -17,7 +17,7 @@ from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.operator import RequestSection
 from rovtwin.scenario.schema.scenario import Scenario
-from rovtwin.scenario.schema.sensors import SensorSection, SensorsSection
+from rovtwin.scenario.schema.sensors import OwnSensorSection, SensorSection, SensorsSection
 from rovtwin.scenario.schema.supervisor import RuleSection, SupervisorSection
 from rovtwin.scenario.schema.tether import TetherSection, TethersSection
 from rovtwin.scenario.schema.water import WaterSection
@@ -40,6 +40,7 @@ __all__ = [
     "GaussMarkovCurrentSection",
     "MissionSection",
     "ModelBasedSection",
+    "OwnSensorSection",
     "ReleaseSection",
     "RequestSection",
     "RuleSection",

@@ -21,9 +21,7 @@ class OwnBlock(Strict):
     @field_validator("block")
     @classmethod
     def _is_name(cls, value: str) -> str:
-        if value and not is_address(value) and not _ENTRY_POINT.fullmatch(value):
-            raise ValueError(f"found {value!r}, expected package.module:Name, or the name of an entry point")
-        return value
+        return require_name(value)
 
     @property
     def is_own(self) -> bool:
@@ -34,6 +32,13 @@ class OwnBlock(Strict):
     def label(self) -> str:
         """What it names."""
         return self.block or self.given
+
+
+def require_name(value: str) -> str:
+    """An address, the name of an entry point, or nothing; ValueError otherwise."""
+    if value and not is_address(value) and not _ENTRY_POINT.fullmatch(value):
+        raise ValueError(f"found {value!r}, expected package.module:Name, or the name of an entry point")
+    return value
 
 
 def by_short_form(value: Any) -> Any:

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from rovtwin.core.sensors import EARTH_FIELD
 from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.scenario.schema.own_block import OwnBlock, by_short_form
 from rovtwin.scenario.schema.tether import TethersSection
@@ -149,6 +150,25 @@ class ReliefSection(Strict):
     waves: list[SandWaveSection] = []
 
 
+class MagneticFieldSection(Strict):
+    """The Earth's magnetic field where the run is, which magnetometers read; by default near Trondheim in 2025."""
+
+    strength_ut: Annotated[Positive, Field(le=1000)] = Field(
+        default=EARTH_FIELD[0], description="[uT]; 22 to 67 on Earth"
+    )
+    inclination_deg: Annotated[Number, Field(ge=-90, le=90)] = Field(
+        default=EARTH_FIELD[1], description="below the horizontal; negative in the south"
+    )
+    declination_deg: Annotated[Number, Field(ge=-180, le=180)] = Field(
+        default=EARTH_FIELD[2], description="from true north over east"
+    )
+
+    @property
+    def vector(self) -> list[float]:
+        """What a magnetometer reads of it, as `core.sensors.EARTH_FIELD`."""
+        return [self.strength_ut, self.inclination_deg, self.declination_deg]
+
+
 class WorldSection(Strict):
     """The water, and how the true vehicle differs from the model."""
 
@@ -167,6 +187,7 @@ class WorldSection(Strict):
     forces: list[OwnBlock] = Field(
         default_factory=list, description="forces of your own on the hull: package.module:Name, or entry points"
     )
+    magnetic_field: MagneticFieldSection = MagneticFieldSection()
     mismatch: MismatchSection | None = None
     net_buoyancy: Number = Field(default=0.0, description="added to the plant, not to the autopilot's model [N]")
     thruster_health: dict[str, Share] = Field(

@@ -6,7 +6,9 @@ from typing import Any
 import equinox as eqx
 
 from rovtwin.core.flow import Environment
+from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.sensors import EARTH_FIELD
 from rovtwin.vehicle.physics import measurement
 from rovtwin.vehicle.physics.dynamics import State
 
@@ -49,6 +51,20 @@ def range_along(axis: int, sensor: Any, seen: SensorInput) -> Array:
     return measurement.range_to_floor(seen.state, sensor.lever, beam_first, floor, slope)
 
 
+def _magnetic_field(sensor: Any, seen: SensorInput) -> Array:
+    """The Earth's field F along the sensor's axes [uT], shape (3,), by inclination I and declination D.
+
+        m = R_ns^T F [cos I cos D, cos I sin D, sin I]
+
+    Fossen (2021), sec. 14.1 (magnetometers of an inertial measurement unit).
+    """
+    strength, inclination, declination = sensor.site[0], *jnp.radians(sensor.site[1:])
+    level = jnp.cos(inclination)
+    north, east = level * jnp.cos(declination), level * jnp.sin(declination)
+    R_ns = rotation_from_quaternion(seen.state.attitude) @ sensor.rotation
+    return strength * jnp.stack([north, east, jnp.sin(inclination)]) @ R_ns
+
+
 IDEAL: dict[str, Ideal] = {
     "position": lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2],
     "pressure": lambda sensor, seen: _depth(sensor, seen)[None],
@@ -61,5 +77,9 @@ IDEAL: dict[str, Ideal] = {
     "altimeter": lambda sensor, seen: range_along(BEAM["altimeter"], sensor, seen)[None],
     "battery": lambda sensor, seen: jnp.zeros(2) if seen.energy is None else seen.energy,
     "leak": lambda sensor, seen: jnp.zeros(1) if seen.leak is None else seen.leak.astype(float)[None],
+    "magnetometer": _magnetic_field,
 }
+SITE = {"magnetometer": EARTH_FIELD}
+"""What a kind reads of a usual place, as the key `SensorKind.world` of a scenario's world gives it."""
+
 BEAM = {"altimeter": 0, "dvl": 2}  # the axis along which the floor must be in range

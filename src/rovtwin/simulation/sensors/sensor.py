@@ -16,7 +16,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.core.sensors import ESSENTIAL, SENSORS
+from rovtwin.core.sensors import ESSENTIAL, SENSORS, SensorKind
 from rovtwin.simulation.checks import (
     require,
     require_finite,
@@ -30,7 +30,8 @@ from rovtwin.simulation.checks import (
 )
 from rovtwin.simulation.noise import raw_key
 from rovtwin.simulation.sensors.acoustic import AcousticErrors, AcousticState
-from rovtwin.simulation.sensors.kinds import BEAM, IDEAL, SensorInput, range_along
+from rovtwin.simulation.sensors.kinds import BEAM, IDEAL, SITE, SensorInput, range_along
+from rovtwin.simulation.sensors.own import kind_of_block, seen_at
 from rovtwin.simulation.sensors.values import Offsets, offsets_of, per_axis, spans_of
 
 __all__ = ["PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7", "usual_sensor"]
@@ -48,12 +49,14 @@ class Wear(eqx.Module):
         last: The last valid reading, shape (n,), or None where the sensor never freezes.
         known: Whether there was one, bool, or None.
         acoustic: Of an acoustic position's errors, or None.
+        own: Memory of the block that is a sensor of one's own, or None.
     """
 
     wander: Array
     last: Array | None
     known: Array | None
     acoustic: AcousticState | None = None
+    own: Any = None
 
 
 class SensorMemory(eqx.Module):
@@ -75,10 +78,8 @@ class Sensor(Block):
     reading = ideal + bias + wander + noise (+ outlier); all per axis of the sensor.
 
     Attributes:
-        kind: "position" (north, east [m]), "pressure" (depth [m]), "accelerometer" (specific force [m/s2]), "gyro"
-            [rad/s], "attitude" (zyx Euler [rad], wrapped), "dvl" (velocity over ground [m/s]), "altimeter" (distance to
-            the floor along its x axis [m]), "battery" (charge of the emptiest, 0 to 1, and power of all [W]) or
-            "leak" (0 or 1).
+        kind: A row of `core.sensors.SENSORS`, which says what it reads, in which unit and frame; of one's own its name.
+        row: That row.
         rate: Millihertz, int.
         physics_rate: Of the clock k, millihertz, int.
         latency_steps: Physics steps from a reading to its delivery, int.
@@ -98,9 +99,12 @@ class Sensor(Block):
         lever: Its place seen from CO, b [m], shape (3,).
         rotation: R_bs, maps its axes to b, shape (3, 3).
         errors: Of an acoustic position, beside the rest; or None.
+        site: What it reads of the place (`row.world`), or None.
+        own: Block that gives the ideal reading of a sensor of one's own, or None.
     """
 
     kind: str = eqx.field(static=True)
+    row: SensorKind = eqx.field(static=True)
     rate: int = eqx.field(static=True)
     physics_rate: int = eqx.field(static=True)
     latency_steps: int = eqx.field(static=True)
@@ -120,6 +124,8 @@ class Sensor(Block):
     lever: Array
     rotation: Array
     errors: AcousticErrors | None
+    site: Array | None
+    own: Block | None
 
     def __init__(
         self,
@@ -144,15 +150,15 @@ class Sensor(Block):
         lever: Any = (0.0, 0.0, 0.0),
         rotation: Any = None,
         errors: AcousticErrors | str | None = None,
+        site: Any = None,
+        own: Block | None = None,
     ):
         """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps.
 
         `offsets` are (from, to, bias), one for each span. An altimeter looks down unless `rotation` is given, all else
-        ahead. `errors` is "acoustic" for those of an Underwater GPS as it was fitted.
+        ahead. `errors` is "acoustic" for those of an Underwater GPS as it was fitted. `site` is usual unless given.
         """
-        if kind not in SENSORS:
-            raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
-        self.kind = kind
+        self.kind, self.row, self.own = kind, _row(kind, own), own
         self.rate, self.physics_rate = round(1000 * rate_hz), round(1000 * physics_rate_hz)
         if not 0 < self.rate <= self.physics_rate:
             raise ConfigError(f"{kind}.rate: found {rate_hz} Hz, expected above 0 and at most {physics_rate_hz} Hz")
@@ -172,6 +178,8 @@ class Sensor(Block):
         straight = DOWN if kind == "altimeter" else np.eye(3)
         self.rotation = as_array(straight if rotation is None else rotation)
         self.errors = AcousticErrors() if errors == "acoustic" else errors  # type: ignore[assignment]  (checked)
+        site = SITE.get(kind) if site is None else site
+        self.site = None if site is None else as_array(site)
         self._check(as_array(latency))
 
     def _check(self, latency: Array) -> None:
@@ -206,7 +214,7 @@ class Sensor(Block):
     @property
     def size(self) -> int:
         """Number of values in a reading."""
-        return SENSORS[self.kind].size
+        return self.row.size
 
     def readings_before(self, k: Any) -> Any:
         """How many readings are taken in physics steps 0 .. k - 1; int, or an int array like k."""
@@ -233,7 +241,8 @@ class Sensor(Block):
         freezes = self.frozen is not None
         last, known = (jnp.zeros(self.size), jnp.zeros((), dtype=bool)) if freezes else (None, None)
         acoustic = None if self.errors is None else self.errors.init(jax.random.fold_in(key, 1))
-        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known, acoustic), under_way)
+        own = None if self.own is None else self.own.init(jax.random.fold_in(key, 2), start)
+        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known, acoustic, own), under_way)
 
     def step(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[SensorMemory, Slot]:
         """One physics step of `dt` seconds, which must be that of `physics_rate`."""
@@ -276,7 +285,7 @@ class Sensor(Block):
         (white, walk, direction), (lost, odd) = _draw(jax.random.fold_in(memory.key, input.k), n)
         t = (input.k + 1) * dt
         wander = memory.wear.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
-        ideal = IDEAL[self.kind](self, input)
+        own, ideal = self._ideal(memory.wear.own, input, dt)
         value = ideal + self.bias + wander + self.noise * white
         outlier = self.outlier_size * direction / jnp.sqrt((direction**2).sum())
         value = value + jnp.where(odd < self.outlier, outlier, 0.0)
@@ -292,6 +301,8 @@ class Sensor(Block):
             value, comes = value + error, comes & fixed
         # A gauge knows nothing where no battery is simulated: full for ever, it would keep every rule about it asleep.
         valid = comes & (self.kind != "battery" or input.energy is not None)
+        if self.own is not None:
+            valid = valid & jnp.isfinite(value).all()
         if self.kind in BEAM and (self.kind == "altimeter" or input.environment.floor is not None):
             away = range_along(BEAM[self.kind], self, input)
             valid = valid & (away > 0.0) & (away >= self.min_range) & (away <= self.max_range)
@@ -304,7 +315,21 @@ class Sensor(Block):
         # A reading that never was must not leak out through its filler.
         value = jnp.where(valid, value, 0.0)
         t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
-        return Wear(wander, last, known, acoustic), Slot(value[None], valid[None], t_valid[None])
+        return Wear(wander, last, known, acoustic, own), Slot(value[None], valid[None], t_valid[None])
+
+    def _ideal(self, own: Any, input: SensorInput, dt: float) -> tuple[Any, Array]:
+        """Memory of a block of one's own, and the reading without any error."""
+        if self.own is None:
+            return None, IDEAL[self.kind](self, input)
+        return self.own.step(own, seen_at(self, input, dt), 1000.0 / self.rate)
+
+
+def _row(kind: str, own: Block | None) -> SensorKind:
+    if own is not None:
+        return kind_of_block(own)
+    if kind not in SENSORS:
+        raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
+    return SENSORS[kind]
 
 
 def _draw(key: Array, n: int) -> tuple[Array, Array]:
@@ -327,12 +352,10 @@ def usual_sensor(kind: str, **given: Any) -> Sensor:
     """A sensor with the usual figures of its kind.
 
     Args:
-        kind: A row of `core.sensors.SENSORS`.
+        kind: A row of `core.sensors.SENSORS`, or the name of one's own.
         given: Arguments of `Sensor` that differ.
     """
-    if kind not in SENSORS:
-        raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
-    row = SENSORS[kind]
+    row = _row(kind, given.get("own"))
     figures: dict[str, Any] = {"rate_hz": row.rate_hz, "noise": row.std, "bias": row.bias}
     return Sensor(kind, **(figures | given))
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rovtwin.core.sensors import SENSORS
+from rovtwin.core.sensors import PLAUSIBLE, SENSORS
 from rovtwin.core.user_files.quantity import plain
 from rovtwin.vehicle.analysis.stability import reach, steady_speed
 from rovtwin.vehicle.constants import AXES, GRAVITY
@@ -24,34 +24,6 @@ _STRONG, _WEAK = 3.0, 0.005
 # Top speed over sqrt(g L), L the size: 1.7 at most in the library, a torpedo of the navy some 6 to 8.
 _FAST = 4.0
 _GRAM = GRAVITY / 1000.0  # weight of a gram [N]
-
-
-class Usual(NamedTuple):
-    """The most that a class of sensors has, what a usual one has, and what a larger number is most often.
-
-    Attributes:
-        noise: Standard deviation of a reading, in the unit of the table of sensors.
-        bias: Constant error; inf where one may be anything.
-        typical: A usual noise, in words.
-        slip: The unit that is most often meant.
-    """
-
-    noise: float
-    bias: float
-    typical: str
-    slip: str
-
-
-# Noise of a consumer MEMS gyro is 0.1 deg/s at 100 Hz, of its accelerometer 1 to 4 mg.
-USUAL = {
-    "gyro": Usual(0.02, 0.2, "0.0012 in a consumer MEMS unit", "deg/s"),
-    "accelerometer": Usual(0.5, 2.0, "0.012 in a consumer MEMS unit", "mg"),
-    "attitude": Usual(0.1, np.inf, "0.001 to 0.02 in AHRS units", "degrees"),
-    "pressure": Usual(0.5, np.inf, "0.001 to 0.01 in pressure sensors for 300 m", "mm, or a pressure"),
-    "dvl": Usual(0.3, np.inf, "0.005 in a small Doppler log", "mm/s or cm/s"),
-    "altimeter": Usual(1.0, np.inf, "0.01 to 0.05 in an echo sounder", "mm or cm"),
-    "position": Usual(20.0, np.inf, "0.03 to 2 with acoustics", "cm"),
-}
 
 
 class Slip(NamedTuple):
@@ -126,7 +98,7 @@ def _about_top_speed(model: Model) -> Iterator[Slip]:
 
 def _about_noise(vehicle: Vehicle) -> Iterator[Slip]:
     for one in instruments(vehicle):
-        usual = USUAL.get(one.kind)
+        usual = PLAUSIBLE.get(one.kind)
         if usual is None:
             continue
         for key, most in (("noise", usual.noise), ("bias", usual.bias)):

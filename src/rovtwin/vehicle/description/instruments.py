@@ -32,7 +32,7 @@ class Instrument:
 
 
 def instruments(vehicle: Vehicle) -> list[Instrument]:
-    """All that can be simulated, in order of the file; sonars, imagers and magnetometers are not among them."""
+    """All that can be simulated, in order of the file; what is `SHOWN_ONLY` is not among them."""
     found = []
     for mounted in vehicle.sensors:
         assert isinstance(mounted.item, Sensor)

@@ -5,32 +5,21 @@ frame in its parent's. The outermost frame is the body frame b, its origin is CO
 degrees. Nothing here computes: see `assembly`.
 """
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rovtwin.core.sensors import SENSORS
+from rovtwin.core.sensors import SENSORS, SHOWN_ONLY
 from rovtwin.core.user_files.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.vehicle.description.fields import Buoyancy, Coefficients, Colour, Direction, Force, Inertia, LogName, Table
 
 Source = Annotated[str | None, Field(description="where the values of this block come from")]
 
 
-SensorKind = Literal[
-    "position",
-    "pressure",
-    "imu",
-    "accelerometer",
-    "gyro",
-    "magnetometer",
-    "attitude",
-    "dvl",
-    "altimeter",
-    "battery",
-    "leak",
-    "sonar",
-    "imager",
-]
+if TYPE_CHECKING:
+    SensorKind = str
+else:  # of the table; an imu is taken apart into those of it
+    SensorKind = Literal[(*SENSORS, "imu", *SHOWN_ONLY)]
 
 
 class Pose(Strict):

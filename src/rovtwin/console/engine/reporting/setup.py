@@ -1,11 +1,11 @@
 """What does not change while an engine flies: the vehicle, the room around it, the fence."""
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rovtwin.core.flow import REASONS
-from rovtwin.core.sensors import SENSORS, kind_named, kind_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.analysis.visuals import pieces_of
@@ -27,7 +27,7 @@ def setup_of(
         "kind": "setup",
         "thrusters": simulation.thruster_names,
         "sensors": simulation.sensor_names,
-        "readings": values_of(simulation.sensor_names),
+        "readings": values_of({name: (kind.fields, kind.units) for name, kind in simulation.sensor_kinds.items()}),
         "twin": config.is_twin,
         "mesh": "/mesh/vehicle.glb" if pieces_of(simulation.vehicle) else None,
         "home": np.asarray(readiness.start.position),
@@ -47,12 +47,11 @@ def _operator_rule(simulation: "Simulation") -> dict[str, Any]:
     return {"limit": float(rules.limit[i] + rules.after[i]), "action": ACTIONS[int(rules.action[i])]}
 
 
-def values_of(sensors: list[str]) -> dict[str, dict[str, list[str]]]:
-    """Names and units of the values of each sensor's readings."""
-    known = {name: kind_named(name) for name in sensors if kind_of(name) in SENSORS}
+def values_of(sensors: Mapping[str, tuple[Sequence[str], Sequence[str]]]) -> dict[str, dict[str, list[str]]]:
+    """Names and units of the values of each sensor's readings, which are given by the sensor's name."""
     return {
-        name: {"fields": list(kind.fields), "units": ["" if unit == "1" else unit for unit in kind.units]}
-        for name, kind in known.items()
+        name: {"fields": list(fields), "units": ["" if unit == "1" else unit for unit in units]}
+        for name, (fields, units) in sensors.items()
     }
 
 

@@ -10,12 +10,12 @@ from scipy.special import gammaincinv
 from rovtwin.console.engine.world import TRUTH
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import HEADING_GIVEN_UP, OPERATOR, PHASES, REASONS, AutopilotOutput, Measurement
-from rovtwin.core.sensors import SENSORS, kind_of
+from rovtwin.core.sensors import kind_of
 from rovtwin.scenario.schema import Waypoint
 
 WINDOW = 10.0  # over which innovations are compared with what the filter says of itself [s]
 BY_OPERATOR = REASONS[OPERATOR]  # what the operator asked for is no alarm
-SHOWN = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))  # kinds whose values are shown
+HIDDEN = ("accelerometer", "gyro")  # kinds whose values nobody looks at
 
 
 class SensorStatus:
@@ -57,7 +57,7 @@ class SensorStatus:
         """Age [s] of every sensor and values of those that people look at; the truth and the water's velocity."""
         sensors = {}
         for name, (received, value) in self._last.items():
-            shown = value if kind_of(name) in SHOWN else None
+            shown = None if kind_of(name) in HIDDEN else value
             sensors[name] = {"age": t - received if value is not None else None, "value": shown}
         truth, current = (None, None) if self.truth is None else (self.truth[:6], self.truth[6:9])
         return {"sensors": sensors, "truth": truth, "current": current}
