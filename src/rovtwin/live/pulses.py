@@ -117,7 +117,7 @@ def fly_pulses(
     names = set(simulation.sensor_names)
     channels = [
         channel
-        for channel in live_channels(scenario, simulation.thruster_names, simulation.sensor_names)
+        for channel in live_channels(scenario, simulation.thruster_names, simulation.sensor_kinds)
         if channel.name == COMMAND or channel.name.startswith("sensor/")
     ]
     folder.mkdir(parents=True, exist_ok=True)

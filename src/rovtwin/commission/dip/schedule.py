@@ -1,4 +1,8 @@
-"""How hard each thruster is pushed: enough to see, too little to hit a wall or to tip over, as the model foresees."""
+"""How hard and how long each thruster is pushed: what tells most while the model foresees neither wall nor tipping over.
+
+What a push tells grows with force squared times its length, the way that it leads to with force times length squared:
+so hard and short pushes are best where room or tilt is the limit, long ones where force is.
+"""
 
 import numpy as np
 
@@ -8,46 +12,53 @@ from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.live.pulses import Pulse
 from rovtwin.vehicle.physics.dynamics import State, rollout
 from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import static_force
 
-PUSH, REST = 1.5, 1.5  # [s]
+LENGTHS = (0.4, 0.6, 1.0, 1.5)  # of pushes that are tried; shorter ones would drown in the lag of the thrusters [s]
+REST = 1.5  # after each [s]
 AWAY, TURN, TILT = 0.35, 1.0, 0.3  # largest way [m] and angles [rad] of a push and its rest
 SIZES = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])  # of commands that are tried
 _STEP = 0.05  # of the foreseen motion [s]
 
 
 @jax.jit
-def _foreseen(model: Model, commands: Array) -> Array:
-    """Largest way [m], turn and tilt [rad] under commands, shape (steps, n), from rest; shape (3,)."""
+def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
+    """Largest way [m], turn and tilt [rad], shape (3,), and force of each thruster at first [N], shape (n,), from rest."""
     zero = State(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.zeros(6), jnp.zeros(commands.shape[1]))
     states = rollout(model, zero, Command(commands), Environment.calm(), _STEP)
     R = jax.vmap(rotation_from_quaternion)(states.attitude)
     way = jnp.linalg.norm(states.position, axis=1).max()
     turn = jnp.abs(jnp.arctan2(R[:, 1, 0], R[:, 0, 0])).max()
-    return jnp.stack([way, turn, jnp.arccos(jnp.clip(R[:, 2, 2], -1.0, 1.0)).max()])
+    tilt = jnp.arccos(jnp.clip(R[:, 2, 2], -1.0, 1.0)).max()
+    return jnp.stack([way, turn, tilt]), jnp.abs(static_force(model.thrusters, commands[0]))
 
 
-def commands(model: Model) -> np.ndarray:
-    """The size of each thruster's command, shape (n,): the largest of SIZES that stays within limits, or the smallest."""
-    count, pushing = model.thrusters.count, round(PUSH / _STEP)
-    chosen = np.full(count, SIZES[0])
+def pushes(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Command, 0 to 1, and length [s] of each thruster's push, shapes (n,): see the module; else the gentlest."""
+    count = model.thrusters.count
+    size, length, told = np.full(count, SIZES[0]), np.full(count, LENGTHS[0]), np.zeros(count)
     for i in range(count):
-        for size in SIZES:
-            u = np.zeros((round((PUSH + REST) / _STEP), count))
-            u[:pushing, i] = size
-            moved = np.asarray(_foreseen(model, as_array(u)))
-            if not np.all(moved <= [AWAY, TURN, TILT]):
-                break
-            chosen[i] = size
-    return chosen
+        for seconds in LENGTHS:
+            for command in SIZES:
+                u = np.zeros((round((LENGTHS[-1] + REST) / _STEP), count))
+                u[: round(seconds / _STEP), i] = command
+                moved, force = (np.asarray(x) for x in _foreseen(model, as_array(u)))
+                if not np.all(moved <= [AWAY, TURN, TILT]):
+                    break
+                if force[i] ** 2 * seconds > told[i]:
+                    size[i], length[i], told[i] = command, seconds, force[i] ** 2 * seconds
+    return size, length
 
 
 def pulses(model: Model, names: list[str]) -> list[Pulse]:
     """Each thruster ahead and astern, with rests; first a rest, from which the sensors' errors at rest are seen."""
-    sizes, off = commands(model), np.zeros(len(names))
+    sizes, lengths = pushes(model)
+    off = np.zeros(len(names))
     found = [Pulse("at rest", off, 2.0)]
     for i, name in enumerate(names):
         for sign, word in ((1.0, "ahead"), (-1.0, "astern")):
             u = off.copy()
             u[i] = sign * sizes[i]
-            found += [Pulse(f"{name} {word}, {100 * sizes[i]:.0f} %", u, PUSH), Pulse("rest", off, REST)]
+            push = Pulse(f"{name} {word}, {100 * sizes[i]:.0f} % for {lengths[i]:g} s", u, float(lengths[i]))
+            found += [push, Pulse("rest", off, REST)]
     return found
