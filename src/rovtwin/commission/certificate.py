@@ -39,7 +39,7 @@ def _issued(work: Work, stages: Sequence[Stage]) -> Outcome:
     letters = write_certificate_pdf(found, work.folder / PDF)
     pages = [write_certificate_page(found, work.folder / PAGE, letters), work.folder / PDF]
     say("writing the bundle")
-    manifest = finish(evidence, work.dossier, vehicle.name, issued, pages)
+    manifest = finish(evidence, vehicle.name, issued, pages)
     zipped = zip_of(work.folder / BUNDLE, work.folder / ZIP)
     measured = {"certificate": PAGE, "pdf": PDF, "bundle": BUNDLE, "seal": evidence.seal, "files": len(manifest.files)}
     measured |= {} if zipped is None else {"zip": ZIP}

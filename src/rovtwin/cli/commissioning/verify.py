@@ -15,7 +15,10 @@ SHOWN = 12  # parameters that are listed where all agree; those that do not are 
 
 
 def verify(
-    bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="Folder `bundle` of a commissioning, or its zip.")],
+    bundle: Annotated[
+        Path,
+        typer.Argument(metavar="BUNDLE", help="A bundle, its zip, or a commissioning: its last."),
+    ],
     quick: Annotated[
         bool, typer.Option("--quick", help="Only hashes and versions: derive nothing again, which takes minutes.")
     ] = False,
@@ -30,7 +33,7 @@ def verify(
     The seal is the one on the signed certificate if nothing was changed: a bundle vouches for its own files, the paper
     for the bundle.
 
-    Example: [bold]rovtwin verify commissioned/9-certificate/1/bundle[/bold]
+    Example: [bold]rovtwin verify commissioned[/bold], or what somebody sent: [bold]rovtwin verify bundle.zip[/bold]
     """
     from rovtwin.commission.certified.verify import verify as check
 

@@ -78,10 +78,11 @@ def derived_of(
         raise IdentificationError("it rests on no test")
     if result.acceptance is not None or (result.discrepancy is not None and result.options.discrepancy != "off"):
         raise IdentificationError("it learned a wrench beside its equations, which takes too long to learn again")
+    fitted = [one for one in result.records if one["use"] == "fit"]
+    places = logs_of(fitted, logs, result.vehicle)
     tests = [
-        TestEntry(log=_log_of(one, logs, result.vehicle), name=one["name"], use=one["use"], duration_s=one["duration"])
-        for one in result.records
-        if one["use"] == "fit"
+        TestEntry(log=log, name=one["name"], use=one["use"], duration_s=one["duration"])
+        for one, log in zip(fitted, places, strict=True)
     ]
     p = result.parameters
     rows = zip(p.free, p.values(result.theta).tolist(), result.theta.tolist(), result.std.tolist(), strict=True)
@@ -93,19 +94,39 @@ def derived_of(
     )
 
 
-def _log_of(listed: Mapping[str, Any], logs: Mapping[str, Path], vehicle: Vehicle) -> str:
-    """The path in the bundle of the log that holds a test, known by its name, length and number of readings."""
-    for name, path in logs.items():
-        try:
-            record = _found(listed["name"], listed["duration"], read_records(path, vehicle))
-        except RovtwinError:
-            continue  # cut off, or a log of something else
-        counts = None if record is None else {key: len(one.t) for key, one in record.signals.items()}
-        if counts == listed["signals"]:
-            return name
-    raise IdentificationError(
-        f"it rests on the test {listed['name']} of {listed['duration']:.0f} s, which no log of the bundle holds"
-    )
+def logs_of(listed: Sequence[Mapping[str, Any]], logs: Mapping[str, Path], vehicle: Vehicle) -> list[str]:
+    """Paths in the bundle of the logs that hold tests, known by name, length and number of readings; each of its own.
+
+    Raises:
+        IdentificationError: No log holds one.
+    """
+    read: dict[str, list[Record]] = {}
+    found: list[str] = []
+    for one in listed:
+        for name, path in logs.items():
+            if name not in read:
+                read[name] = _read(path, vehicle)
+            record = _found(one["name"], one["duration"], read[name])
+            counts = None if record is None else {key: len(signal.t) for key, signal in record.signals.items()}
+            taken = any(
+                place == name and other["name"] == one["name"] for place, other in zip(found, listed, strict=False)
+            )
+            if counts == one["signals"] and not taken:
+                found.append(name)
+                break
+        else:
+            raise IdentificationError(
+                f"it rests on the test {one['name']} of {one['duration']:.0f} s, which no log of the bundle holds"
+            )
+    return found
+
+
+def _read(path: Path, vehicle: Vehicle) -> list[Record]:
+    """The tests of a log; none of one that was cut off, or is of something else."""
+    try:
+        return read_records(path, vehicle)
+    except RovtwinError:
+        return []
 
 
 def _found(name: str, duration: float, records: Sequence[Record]) -> Record | None:

@@ -153,8 +153,8 @@ def _force(one: Mapping[str, Any] | None) -> str:
     if one is None:
         return "-"
     ends = between(one.get("interval_95"))
-    told = f" ({ends})" if ends and one.get("verdict") != "prior only" else " (predicted)"
-    return number(one.get("value")) + told
+    known = f" ({ends})" if ends and one.get("verdict") != "prior only" else " (predicted)"
+    return number(one.get("value")) + known
 
 
 def sensors(bench: Mapping[str, Any], vehicle: Vehicle) -> Table:

@@ -178,7 +178,7 @@ def _find_derived(evidence: Evidence, dossier: Dossier) -> None:
         evidence.not_derived = str(error)
 
 
-def finish(evidence: Evidence, dossier: Dossier, vehicle: str, issued: str, pages: list[Path]) -> Manifest:
+def finish(evidence: Evidence, vehicle: str, issued: str, pages: list[Path]) -> Manifest:
     """Put the certificate's pages in, and write the manifest of all that is there."""
     for page in pages:
         shutil.copyfile(page, evidence.folder / page.name)
@@ -211,8 +211,7 @@ def zip_of(folder: Path, target: Path) -> Path | None:
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in files:
             entry = zipfile.ZipInfo(f"{folder.name}/{path.relative_to(folder).as_posix()}", EARLY)
-            entry.external_attr = 0o644 << 16
+            entry.external_attr, entry.compress_type = 0o644 << 16, zipfile.ZIP_DEFLATED
             with open(path, "rb") as source, archive.open(entry, "w", force_zip64=True) as out:
-                entry.compress_type = zipfile.ZIP_DEFLATED
                 shutil.copyfileobj(source, out)
     return target

@@ -147,9 +147,8 @@ def opened(path: Path) -> Iterator[Bundle]:
     if not path.exists():
         raise ConfigError(f"{path}: no such folder or file, expected a bundle of rovtwin commission")
     if path.is_dir():
-        inner = path if (path / NAME).exists() or not (path / "bundle" / NAME).exists() else path / "bundle"
         try:
-            yield Folder(inner)
+            yield Folder(_within(path))
         except PermissionError as error:
             raise ConfigError(f"{path}: cannot be read ({cannot(error)})") from None
         return
@@ -164,6 +163,16 @@ def opened(path: Path) -> Iterator[Bundle]:
         ) from None
     with archive:
         yield Zipped(path, archive)
+
+
+def _within(folder: Path) -> Path:
+    """The bundle in a folder: itself, the one in it, or that of the last certificate of a commissioning."""
+
+    def attempt(bundle: Path) -> tuple[int, str]:
+        return (int(bundle.parent.name) if bundle.parent.name.isdigit() else 0, str(bundle))
+
+    places = [folder, folder / "bundle", *sorted(folder.glob("*-certificate/*/bundle"), key=attempt, reverse=True)]
+    return next((place for place in places if (place / NAME).exists()), folder)
 
 
 def manifest_bytes(bundle: Bundle) -> bytes:
