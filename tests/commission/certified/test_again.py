@@ -10,7 +10,14 @@ from tests.commission.conftest import certified
 from tests.commission.dossiers import FULL, dated, small_log, written
 from tests.identification.synthetic import record, steps_command
 
-from rovtwin.commission.certified.again import TOLERANCE, Row, derived_of, logs_of, require_consistent
+from rovtwin.commission.certified.again import (
+    TOLERANCE,
+    Row,
+    derived_of,
+    logs_of,
+    require_consistent,
+    require_self_contained,
+)
 from rovtwin.commission.certified.manifest import Derived, ParameterEntry, TestEntry
 from rovtwin.commission.certified.verify import verify
 from rovtwin.commission.stage import Outcome
@@ -94,6 +101,15 @@ def test_figures_that_are_given_twice_must_agree():
     with pytest.raises(IdentificationError, match="other parameters"):
         result.parameters.names = ["c"]
         require_consistent(result, derived(2.0), vehicle(2.0))
+
+
+def test_a_mesh_outside_of_the_bundle_is_refused(tmp_path):
+    vehicle: Any = SimpleNamespace(
+        where="v.yaml", to_dict=lambda: {"visuals": [{"mesh": str(tmp_path / "in" / "a.stl")}]}
+    )
+    require_self_contained(vehicle, tmp_path / "in")
+    with pytest.raises(IdentificationError, match="expected one within the bundle"):
+        require_self_contained(vehicle, tmp_path / "other")
 
 
 def test_a_row_is_the_same_within_its_tolerance():

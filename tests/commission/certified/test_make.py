@@ -5,6 +5,7 @@ import hashlib
 import json
 import tempfile
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tests.commission.dossiers import small_log
 
 from rovtwin.commission.certified.cleaning import Cleaner, public_url
 from rovtwin.core.log import Log
+from rovtwin.identification.result import Identification
 from rovtwin.vehicle import load_vehicle
 
 
@@ -95,6 +97,19 @@ def test_a_binary_file_that_tells_is_left_out(tmp_path):
     assert cleaner.copy(tmp_path / "b.nc", tmp_path / "out" / "b.nc") == ""
     assert "no text in UTF-8" in cleaner.copy(tmp_path / "c.csv", tmp_path / "out" / "c.csv")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["b.nc"]
+
+
+def test_a_saved_identification_keeps_its_figures(whole, tmp_path):
+    source = whole[0] / "bundle" / "stages/6-identify/1/identified.nc"
+    result = Identification.load(source)
+    tells = replace(result, findings=[f"see {tmp_path / 'anna' / 'my.yaml'}: odd"])
+    tells.save(tmp_path / "identified.nc")
+    cleaner = Cleaner(tmp_path / "inside", [tmp_path / "anna"])
+    for name in ("one.nc", "two.nc"):
+        assert cleaner.copy(tmp_path / "identified.nc", tmp_path / name) == "cleaned"
+    found = Identification.load(tmp_path / "one.nc")
+    assert found.findings == ["see my.yaml: odd"] and found.theta.tobytes() == result.theta.tobytes()
+    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
 
 
 def test_a_log_that_was_cut_off_and_tells_is_left_out(tmp_path):

@@ -54,8 +54,10 @@ def _print(screen: Console, found: "Verified") -> None:
 
     manifest = found.manifest
     say(f"{manifest.vehicle}, certified {manifest.issued} by rovtwin {manifest.versions.get('rovtwin', '?')}")
-    say(f"seal {found.seal}", "" if found.seal == manifest.seal else "bold red")
-    if found.seal != manifest.seal:
+    if found.seal == manifest.seal:
+        say(f"seal {found.seal}")
+    else:
+        say(f"seal {found.seal or 'none: files are missing or have another size'}", "bold red")
         say(f"     expected {manifest.seal}", "bold red")
     for one in found.findings:
         say(str(one), "bold red")

@@ -22,6 +22,7 @@ from rovtwin.identification.logs.readers import read_records
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.result import Identification
 from rovtwin.vehicle import Vehicle, load_vehicle
+from rovtwin.vehicle.description.files import with_meshes
 
 TOLERANCE = 0.05  # of a parameter's standard deviation, by which it may differ
 WIDTHS = 0.05  # share by which a standard deviation may differ
@@ -162,6 +163,15 @@ def require_consistent(result: Identification, derived: Derived, vehicle: Vehicl
                 )
 
 
+def require_self_contained(vehicle: Vehicle, folder: Path) -> None:
+    """IdentificationError where a vehicle names a mesh file outside of a folder."""
+    meshes: list[str] = []
+    with_meshes(vehicle.to_dict(), lambda mesh: meshes.append(mesh) or mesh)
+    for mesh in meshes:
+        if not Path(mesh).resolve().is_relative_to(folder.resolve()):
+            raise IdentificationError(f"{vehicle.where}: found the mesh {mesh}, expected one within the bundle")
+
+
 def estimated_again(
     result: Identification, records: Sequence[Record], anchors: Sequence[Mapping[str, Any]], progress: Progress
 ) -> Solution:
@@ -187,6 +197,7 @@ def derive_again(folder: Path, derived: Derived, progress: Progress) -> list[Row
     progress("reading", 0.0)
     result = Identification.load(folder / derived.result)
     vehicle = load_vehicle(str(folder / derived.vehicle))
+    require_self_contained(vehicle, folder)
     require_consistent(result, derived, vehicle)
     records = []
     for test in derived.tests:

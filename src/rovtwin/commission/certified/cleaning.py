@@ -5,12 +5,14 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit, urlunsplit
 
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.log import Log
 from rovtwin.core.user_files.files import write_bytes
+from rovtwin.identification.result import Identification
 
 TEXTS = (
     ".yaml",
@@ -62,10 +64,12 @@ class Cleaner:
             return self._copy_text(source, target)
         if source.suffix.lower() == ".mcap" and (done := self._copy_log(source, target)) is not None:
             return done
-        if self._tells(source):
-            return f"{source.name} names folders of the machine it was made on, and cannot be changed"
-        shutil.copyfile(source, target)
-        return ""
+        if not self._tells(source):
+            shutil.copyfile(source, target)
+            return ""
+        if source.suffix.lower() == ".nc" and self._copy_result(source, target):
+            return "cleaned"
+        return f"{source.name} names folders of the machine it was made on, and cannot be changed"
 
     def _copy_text(self, source: Path, target: Path) -> str:
         content = source.read_bytes()
@@ -90,6 +94,20 @@ class Cleaner:
         log.metadata.update(clean)
         log.write(target, overwrite=True)
         return "cleaned"
+
+    def _copy_result(self, source: Path, target: Path) -> bool:
+        """Whether it was a saved identification, and tells nothing any more; its figures stay to the last bit."""
+        try:
+            result = Identification.load(source)
+        except RovtwinError:
+            return False
+        records = [one | {"notes": [self.text(note) for note in one["notes"]]} for one in result.records]
+        findings, doubts = ([self.text(line) for line in lines] for lines in (result.findings, result.doubts))
+        replace(result, records=records, findings=findings, doubts=doubts).save(target, overwrite=True)
+        if self._tells(target):
+            target.unlink()
+            return False
+        return True
 
     def _tells(self, path: Path) -> bool:
         """Whether a file's bytes hold a path of this machine."""

@@ -39,7 +39,7 @@ class Verified:
     Attributes:
         manifest: Of the bundle.
         findings: Files that differ, are missing or extra.
-        seal: Of the files as they are.
+        seal: Of the files as they are, "" where there is none: some are missing or have another size.
         versions: A line for each package that is another one here.
         rows: Parameters derived again; empty where nothing was.
         not_derived: Why nothing was derived again.
@@ -91,10 +91,13 @@ def verify(path: Path, quick: bool = False, progress: Progress = lambda words, s
                 return replace(done, rows=tuple(derive_again(folder, manifest.derived, progress)))
             except RovtwinError as error:
                 return replace(done, contradiction=str(error))
+            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # of a forged result
+                text = f"{manifest.derived.result} cannot be used ({type(error).__name__}: {str(error)[:120]})"
+                return replace(done, contradiction=text)
 
 
 def _compared(bundle: Bundle, manifest: Manifest, progress: Progress) -> tuple[list[Finding], str]:
-    """What differs, and the seal of the files as they are."""
+    """What differs, and the seal of the files as they are; "" where some are missing or were not looked into."""
     findings, as_found = [], []
     for k, one in enumerate(manifest.files):
         progress(f"checking {one.path}", k / len(manifest.files))
@@ -111,7 +114,7 @@ def _compared(bundle: Bundle, manifest: Manifest, progress: Progress) -> tuple[l
                 findings.append(Finding("differs", one.path, text))
     named = {one.path for one in manifest.files} | {NAME}
     findings += [Finding("extra", path, "not in the manifest") for path in sorted(set(bundle.sizes) - named)]
-    return findings, seal(as_found)
+    return findings, seal(as_found) if len(as_found) == len(manifest.files) else ""
 
 
 def _hash(bundle: Bundle, path: str, size: int) -> tuple[str, str]:
