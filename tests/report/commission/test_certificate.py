@@ -117,6 +117,7 @@ def test_whatever_was_measured_becomes_tables():
             "budget": [
                 {"quantity": "drag", "contributions": [{"source": "a", "std": 0.5}, {"source": "b", "std": 1.0}]}
             ],
+            "figures": [{"key": "mass", "label": "mass", "unit": "kg", "value": 24.1}],
             "long": [{"k": k} for k in range(1000)],
         }
     )
@@ -128,4 +129,5 @@ def test_whatever_was_measured_becomes_tables():
     )
     assert tables[3].rows == [["drag"]] and tables[4].title == "Budget: contributions"
     assert tables[4].rows == [["drag", "a", "0.5"], ["drag", "b", "1"]]
-    assert len(tables[5].rows) < 1000 and "more rows" in tables[5].note
+    assert tables[5].head == ["Label", "Unit", "Value"]
+    assert len(tables[6].rows) < 1000 and "more rows" in tables[6].note

@@ -117,7 +117,8 @@ def _tables(title: str, rows: Sequence[Mapping[str, Any]]) -> list[Table]:
     """A table of rows; columns that are tables themselves come behind it, with the first column before theirs."""
     columns = list(dict.fromkeys(column for row in rows for column in row))
     inner = [column for column in columns if any(mappings(row.get(column)) for row in rows)]
-    own = [column for column in columns if column not in inner]
+    machine = {"key"} if "label" in columns else set()  # a name for programs beside one for people
+    own = [column for column in columns if column not in inner and column not in machine]
     cells = [[cell(column, row.get(column)) for column in own] for row in rows[:MOST_ROWS]]
     more = len(rows) - len(cells)
     note = f"{more} more rows are in the attempt's outcome.json." if more else ""
