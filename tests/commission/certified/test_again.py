@@ -23,6 +23,7 @@ from rovtwin.commission.certified.verify import verify
 from rovtwin.commission.stage import Outcome
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.log import Channel, Log
+from rovtwin.core.sensors import SENSORS
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.identification.identify import identify
 from rovtwin.identification.logs.readers import read_records
@@ -41,7 +42,7 @@ def flown(path: Path, vehicle, seed: int, duration: float = 8.0) -> None:
     data = {"autopilot/command": (made.t_command, made.command)}
     for signal, sensor in OF_SIGNAL.items():
         one = made.signals[signal]
-        channel = sensor_channel(sensor)
+        channel = sensor_channel(sensor, SENSORS[sensor])
         channels[channel.name] = channel
         data[channel.name] = (one.t, np.column_stack([one.value, one.t]))
     path.parent.mkdir(parents=True, exist_ok=True)
