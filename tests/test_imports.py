@@ -78,7 +78,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"flight", "series"},
         {"parts"},
         {"cameras", "evidence", "identification", "run"},
-        {"plans", "studies", "vehicles"},
+        {"commission", "plans", "studies", "vehicles"},
     ],
     "links/mavlink": [
         {"mixing", "modes", "wire"},

@@ -11,6 +11,7 @@ from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.render import render
 from rovtwin.cli.cameras.track import track
 from rovtwin.cli.commissioning.commission import commission
+from rovtwin.cli.commissioning.verify import verify
 from rovtwin.cli.evidence.app import evidence_app
 from rovtwin.cli.flight.console import console
 from rovtwin.cli.flight.links import links
@@ -61,6 +62,7 @@ app.command()(tune)
 app.command()(sea)
 app.command()(identify)
 app.command()(commission)
+app.command()(verify)
 app.command()(report)
 app.command()(thesis)
 app.command("plan-tests")(plan_tests)

@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from rovtwin.commission import bench, paper
+from rovtwin.commission import bench, certificate, paper
 from rovtwin.commission.stage import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -19,5 +19,13 @@ STAGES: tuple[Stage, ...] = (
         "Put the vehicle into the middle of the tank, well below the surface, hands on it.",
         False,
         bench.run,
+    ),
+    Stage(
+        "certificate",
+        "Certificate",
+        "all figures on one page, and the evidence in a bundle that another machine can check",
+        "Sign the certificate, keep the bundle, and check later dives against it with `rovtwin watch`.",
+        False,
+        lambda work: certificate.run(work, STAGES[:-1]),
     ),
 )

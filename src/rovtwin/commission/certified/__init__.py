@@ -1,0 +1,1 @@
+"""What a commissioning leaves: the certificate's figures, the bundle of all evidence, and its verification."""

@@ -1,0 +1,1 @@
+"""The certificate of a commissioning, as a page and as a PDF, of plain data."""
