@@ -8,6 +8,7 @@ points the other way, is too short, is another's, or points elsewhere; or rows o
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ BETTER = 0.3  # by which another explanation must fit better, as a cosine
 SEEN = 3.0  # standard deviations of a column from which on it is seen at all
 GOOD = 0.8  # cosine of the row of an axis over all thrusters, from which on nothing is wrong with it
 UNSURE = 0.3  # standard deviation over the largest expected answer of an axis, up to which it counts
+KNOWN = 0.05  # standard deviation over the largest answer, beyond which an axis counts the less, the less it is known
 PUSHED = 0.15  # of an axis' largest expected answer, from which on a thruster counts for it
 
 
@@ -77,31 +79,34 @@ class Diagnosis:
     thrusters: list[Verdict]
 
 
-def diagnose(model: Model, record: Record, names: list[str]) -> Diagnosis:
+def diagnose(model: Model, record: Record, names: list[str], floor: float = np.inf) -> Diagnosis:
     """From a record of pushes, one thruster at a time, to what is wrong; the gyro's axes first, all else needs them."""
     mistakes, lags = [], LAGS
     for sensor, rows in (("gyro", slice(3, 6)), ("accelerometer", slice(0, 3))):
-        found = columns(model, record, lags)
+        found = columns(model, record, floor, lags)
         lags = (found.lag,)
-        if sensor not in record.signals or not (right := _told(found)[rows]).any():
+        if sensor not in record.signals or not (right := _judged(found)[rows]).any():
             continue
         before = _likeness(found.measured[rows], found.expected[rows], right)
         if before > GOOD:
             continue
-        tried = [(words, order, _refitted(model, record, found, sensor, order, rows)) for words, order in _orders()]
+        likeness = partial(_refitted, model, record, found, sensor, rows=rows, floor=floor)
+        tried = [(words, order, likeness(order)) for words, order in _orders()]
         words, order, after = max(tried, key=lambda one: one[2])
         if after > max(GOOD, before + BETTER):
             mistakes.append(AxisMistake(sensor, words, before, after))
             record = _turned(record, sensor, order)
-    found = columns(model, record, lags)
+    found = columns(model, record, floor, lags)
     return Diagnosis(found, mistakes, verdicts(found, names))
 
 
-def _refitted(model: Model, record: Record, found: Columns, sensor: str, order: np.ndarray, rows: slice) -> float:
+def _refitted(
+    model: Model, record: Record, found: Columns, sensor: str, order: np.ndarray, rows: slice, floor: float
+) -> float:
     """How alike columns are if a sensor's axes are put in this order; gravity is taken off anew where it counts."""
     if sensor == "accelerometer":
-        found = columns(model, _turned(record, sensor, order), [found.lag])
-        return _likeness(found.measured[rows], found.expected[rows], _told(found)[rows])
+        found = columns(model, _turned(record, sensor, order), floor, [found.lag])
+        return _likeness(found.measured[rows], found.expected[rows], _judged(found)[rows])
     measured = order @ np.nan_to_num(found.measured[rows])
     return _likeness(measured, found.expected[rows], _pushed(found)[rows])
 
@@ -118,7 +123,7 @@ def _pushed(found: Columns) -> np.ndarray:
     return largest > PUSHED * np.maximum(most, 1e-12)
 
 
-def _told(found: Columns) -> np.ndarray:
+def _judged(found: Columns) -> np.ndarray:
     """Axes that thrusters push and sensors tell well enough to judge columns by them, shape (6,), bool."""
     unsure = np.median(found.std, axis=1) / np.maximum(np.abs(found.expected).max(axis=1), 1e-12)
     return _pushed(found) & np.isfinite(found.measured).all(axis=1) & (unsure < UNSURE)
@@ -147,7 +152,7 @@ def _orders() -> Iterator[tuple[str, np.ndarray]]:
 
 def verdicts(found: Columns, names: list[str]) -> list[Verdict]:
     """What is found of each thruster; `unseen` where sensors tell no axis well enough."""
-    if not _told(found).any():
+    if not _judged(found).any():
         return [Verdict(name, "unseen", float("nan"), float("nan")) for name in names]
     compared = _Compared.of(found)
     return [compared.verdict(i, names) for i in range(len(names))]
@@ -177,11 +182,13 @@ class _Compared:
 
     @classmethod
     def of(cls, found: Columns) -> "_Compared":
-        axes = _told(found)
+        axes = _judged(found)
         largest = np.abs(found.expected[axes]).max(axis=1, keepdims=True)
         B = found.expected[axes] / largest
         factor = _factors(found.measured[axes] / largest, B)[:, None]
         b, std = found.measured[axes] / largest / factor, found.std[axes] / largest / factor
+        weight = 1.0 / np.sqrt(1.0 + (np.median(std, axis=1, keepdims=True) / KNOWN) ** 2)
+        b, B, std, largest = b * weight, B * weight, std * weight, largest / weight
         size = np.maximum(np.linalg.norm(B, axis=0), 1e-12)
         gain = np.einsum("ai,ai->i", b, B) / size**2
         cosine = (b.T @ B) / np.maximum(np.linalg.norm(b, axis=0)[:, None] * size[None, :], 1e-12)

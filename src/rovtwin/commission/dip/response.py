@@ -14,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.motion import STEP, WIDTH, Motion
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.logs.response import nuisances, thruster_forces
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.model import Model
 
+CLEAR = 0.05  # least distance of hull and floor [m]
 MEMORY = 3.0  # of the way that accelerations add up to, for drag [s]
 LAGS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the whole answer, tried [s]
 
@@ -50,13 +52,28 @@ class Columns:
         return self.inverse @ self.configuration
 
 
-def columns(model: Model, record: Record, lags: Sequence[float] = LAGS) -> Columns:
-    """The columns from a record of pushes, at the lag of these that explains most."""
+def columns(model: Model, record: Record, floor: float = np.inf, lags: Sequence[float] = LAGS) -> Columns:
+    """The columns from a record of pushes, at the lag of these that explains most.
+
+    Args:
+        model: Of the vehicle as its file has it.
+        record: Commands and signals.
+        floor: Depth of the floor [m]: while the hull is near it, nothing is used.
+        lags: That are tried [s].
+
+    Raises:
+        IdentificationError: Too little is left.
+    """
     motion = Motion.of(record)
     y = accelerations(motion)
     others = _others(motion, y)
     known = np.isfinite(y).any(axis=0)
-    good = np.isfinite(y[:, known]).all(axis=1) & np.isfinite(others).all(axis=1)
+    good = np.isfinite(y[:, known]).all(axis=1) & np.isfinite(others).all(axis=1) & _afloat(model, motion, floor)
+    if good.sum() < 10 * (others.shape[1] + model.thrusters.count):
+        raise IdentificationError(
+            f"{record.source}: found {good.sum() * STEP:.1f} s of pushes with gyro and attitude, clear of the floor, "
+            "expected more. Begin in the middle of the tank, trimmed to float a little"
+        )
     Q = _orthonormal(others[good])
     y = y[good][:, known]
     fits = [_fit(y - Q @ (Q.T @ y), Q, thruster_forces(model, motion, float(lag))[good]) for lag in lags]
@@ -82,6 +99,13 @@ def accelerations(motion: Motion) -> np.ndarray:
         turning = np.cross(omega_dot, lever) + np.cross(omega, np.cross(omega, lever))
         found[:, :3] = force[0] + gravity - turning
     return found
+
+
+def _afloat(model: Model, motion: Motion, floor: float) -> np.ndarray:
+    """When the hull is clear of the floor, shape (m,), bool; always where nobody measures depth."""
+    depth = motion.values("depth")
+    lowest = float(np.asarray(model.hull.corners)[:, 2].max())
+    return np.ones(len(motion.t), dtype=bool) if depth is None else ~(depth[0][:, 0] + lowest > floor - CLEAR)
 
 
 def _others(motion: Motion, y: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How hard and how long each thruster is pushed: what tells most while the model foresees neither wall nor tipping over.
+"""How hard and how long each thruster is pushed: what tells most, short of walls and of tipping over.
 
 What a push tells grows with force squared times its length, the way that it leads to with force times length squared:
 so hard and short pushes are best where room or tilt is the limit, long ones where force is.
@@ -23,7 +23,7 @@ _STEP = 0.05  # of the foreseen motion [s]
 
 @jax.jit
 def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
-    """Largest way [m], turn and tilt [rad], shape (3,), and force of each thruster at first [N], shape (n,), from rest."""
+    """Largest way [m], turn and tilt [rad] from rest, shape (3,), and the first force of each thruster [N], (n,)."""
     zero = State(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.zeros(6), jnp.zeros(commands.shape[1]))
     states = rollout(model, zero, Command(commands), Environment.calm(), _STEP)
     R = jax.vmap(rotation_from_quaternion)(states.attitude)
