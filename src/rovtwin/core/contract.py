@@ -106,7 +106,9 @@ def require_same_form(found: Any, expected: Any, where: str, what: str = "") -> 
         raise ConfigError(f"{where}: found {extra[0] or _named(found)}, expected only {what or _named(expected)}")
     for name, form in there.items():
         if here[name] != form:
-            raise ConfigError(f"{where}: found {name} {here[name]}, expected {form}{f', {what}' if what else ''}")
+            raise ConfigError(
+                f"{where}: found {f'{name} {here[name]}'.strip()}, expected {form}{f', {what}' if what else ''}"
+            )
     if jax.tree.structure(found) != jax.tree.structure(expected):
         raise ConfigError(f"{where}: found {_named(found)}, expected {what or _named(expected)}")
 
