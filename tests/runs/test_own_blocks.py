@@ -95,6 +95,24 @@ class Raising(Springs):
         return memory, Wrench(input.nothing, jnp.zeros(6, bool))
 
 
+class Choosing(Springs):
+    def step(self, memory, input, dt):
+        error = input.reference.eta - input.estimate.eta
+        if error[0] > 1.0:
+            error = 2.0 * error
+        return memory, Wrench(error, jnp.zeros(6, bool))
+
+
+class Converting(Springs):
+    def step(self, memory, input, dt):
+        return memory, Wrench(np.sin(np.asarray(input.estimate.eta)), jnp.zeros(6, bool))
+
+
+class Rounding(Springs):
+    def step(self, memory, input, dt):
+        return memory, Wrench(jnp.full(6, float(input.estimate.eta[0])), jnp.zeros(6, bool))
+
+
 class Texts(Springs):
     name: str = "mine"
 
@@ -237,6 +255,13 @@ def scenario(section, *more):
         ({"controller": "own_control:Bare"}, "output of step: found no .tau.*expected Wrench"),
         ({"controller": "own_control:Growing"}, r"memory after step: found .*float64\[3\], expected float64\[2\]"),
         ({"controller": "own_control:Raising"}, "step failed: AttributeError: .*nothing"),
+        (
+            {"controller": "own_control:Choosing"},
+            r"autopilot.controller: own_control:Choosing: step failed: TracerBoolConversionError: .*\(own_control.py, "
+            r"line \d+: if error\[0\] > 1.0:\); .* use jnp.where or jax.lax.cond in place of if",
+        ),
+        ({"controller": "own_control:Converting"}, r"line \d+: return memory, Wrench\(np.sin.*use jax.numpy in place"),
+        ({"controller": "own_control:Rounding"}, r"line \d+: return memory, Wrench\(jnp.full.*in place of float\(\)"),
         ({"controller": "own_control:Texts"}, r"Texts.name: found str, expected a number or an array; declare"),
         ({"controller": "own_control:Halves"}, r"Halves.stiffness: found float16, expected one of float64"),
         ({"controller": "own_control:Complex"}, r"Complex.stiffness: found complex128, expected one of float64"),
