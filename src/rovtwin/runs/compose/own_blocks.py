@@ -17,6 +17,7 @@ from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.plugins import BLOCKS, OWN_SENSORS, load, module_of
 from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.guard import Guarded
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput, output_of
 from rovtwin.scenario.schema import ModelBasedSection, OwnSensorSection, Scenario
 from rovtwin.scenario.schema.own_block import OwnBlock
@@ -191,9 +192,9 @@ def _inputs(autopilot: Autopilot, empty: Measurements) -> dict[str, Any]:
 
 
 def whole_autopilot(
-    ours: Block, section: ModelBasedSection, given: Mapping[str, Block], empty: Measurements, dt: float, where: str
+    ours: Autopilot, section: ModelBasedSection, given: Mapping[str, Block], empty: Measurements, dt: float, where: str
 ) -> Block:
-    """The autopilot, or one that was handed over in its place, which takes and gives what ours does.
+    """The autopilot, or one that was handed over in its place, which takes and gives what ours does and is watched.
 
     Raises:
         ConfigError: It does not.
@@ -202,9 +203,10 @@ def whole_autopilot(
         return ours
     block = of_arrays(_handed_over("autopilot", section.given, given, where), where)
     input = AutopilotInput(empty, jnp.asarray(NO_REQUEST))
-    _, _, output = form_of(ours, input, dt, where)
+    alike = replace(ours, guarded=getattr(block, "guarded", False))  # one of ours with blocks in it says which failed
+    _, _, output = form_of(alike, input, dt, where)
     require_block(block, input, output, dt, f"{where}: {section.given}")
-    return block
+    return Guarded(block)
 
 
 def _handed_over(key: str, name: str, given: Mapping[str, Block], where: str) -> Block:
