@@ -39,6 +39,7 @@ from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.control.reference_model import ReferenceModel
 from rovtwin.gnc.control.tracking import PathReference, Tracking
 from rovtwin.gnc.experiment import Experiment, Timeline
+from rovtwin.gnc.guard import Guarded
 from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput
 from rovtwin.gnc.guidance.mission import mission
@@ -385,6 +386,11 @@ def experiment() -> Example:
     )
 
 
+def guarded(example: Example) -> Example:
+    """A whole autopilot behind its guard."""
+    return Example(Guarded(example.block), example.inputs)
+
+
 def guidance() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(NO_REASON)))
     return Example(Guidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
@@ -447,6 +453,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
+    "gnc.guard.Guarded": lambda: guarded(experiment()),
     "gnc.guidance.crab_heading.Bow": bow,
     "gnc.safety.contingency.Contingency": contingency,
     "gnc.thesis.pid.Pid": pid,

@@ -9,11 +9,13 @@ import importlib
 import inspect
 import pkgutil
 
+import equinox as eqx
 import pytest
 from tests.block_examples import EXAMPLES, SLOW, SLOW_BATCH, SLOW_GRADIENT, START
 
 import rovtwin
 from rovtwin.core.block import Block
+from rovtwin.core.flow import Wrench
 from rovtwin.core.numerics import jnp
 from rovtwin.testing import BlockContract, check_block
 
@@ -100,3 +102,37 @@ def test_numbers_of_python_are_parameters_too():
         check_block(Edge(), jnp.ones(4))
     with pytest.raises(AssertionError, match="Edge.gain: found str, expected a number"):
         check_block(Edge("much"), jnp.ones(4))
+
+
+class Shaped(Block):
+    """A controller whose memory, after a tick, and output are of shapes that can be chosen."""
+
+    after: int = eqx.field(static=True, default=2)
+    axes: int = eqx.field(static=True, default=6)
+    flag: type = eqx.field(static=True, default=bool)
+
+    def init(self, key, start):
+        return jnp.zeros(2)
+
+    def step(self, memory, input, dt):
+        return jnp.zeros(self.after), Wrench(jnp.zeros(self.axes), jnp.zeros(6, self.flag))
+
+
+@pytest.mark.parametrize(
+    ("block", "why"),
+    [
+        (Shaped(axes=3), r"Shaped: output of step: found .tau float64\[3\], expected float64\[6\]"),
+        (Shaped(flag=float), r"Shaped: output of step: found .saturated float64\[6\], expected bool\[6\]"),
+        (Shaped(after=3), r"Shaped: memory after step: found .*float64\[3\], expected float64\[2\]"),
+    ],
+)
+def test_check_block_looks_at_shapes_and_types(block, why):
+    with pytest.raises(AssertionError, match=why):
+        check_block(block, EXAMPLES["gnc.thesis.pid.Pid"]().inputs)
+    with pytest.raises(AssertionError, match=r"Edge: output of step: found float64\[4\], expected .*\[3\]"):
+        check_block(Edge(), jnp.ones((2, 4)), output=jnp.zeros(3))
+
+
+@pytest.mark.parametrize("name", [name for name in sorted(EXAMPLES) if name.startswith("gnc.")])
+def test_our_parts_fit_their_places(name):
+    contract(name).fits_its_place()

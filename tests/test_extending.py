@@ -1,7 +1,9 @@
 """The pages under docs/extending: their code runs, from the files and entry points that they describe."""
 
+import pickle
 import re
 import shlex
+import socket
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +16,10 @@ import rovtwin
 import rovtwin.cli
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.flow import Command
 from rovtwin.core.trust import VARIABLE
 from rovtwin.identification.logs.readers import detect, read_record
-from rovtwin.live.connect import source
+from rovtwin.live.connect import opener, source
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.pace import Clock
 from rovtwin.simulation.sensors.kinds import SensorInput
@@ -41,9 +44,9 @@ def installed(tmp_path, monkeypatch):
     """Installs the module of a page; gives its other Python blocks, to be run with its names."""
     modules = []
 
-    def done(page: str, module: str, points: dict) -> tuple[list[str], dict]:
-        first, *others = blocks(page, "python")
-        assert len([line for line in first.splitlines() if line.strip()]) <= LONGEST
+    def done(page: str, module: str, points: dict, at: int = 0, longest: int = LONGEST) -> tuple[list[str], dict]:
+        first, *others = blocks(page, "python")[at:]
+        assert len([line for line in first.splitlines() if line.strip()]) <= longest
         monkeypatch.syspath_prepend(install(tmp_path / "site", module, first, points))
         modules.append(module)
         names: dict = {}
@@ -101,10 +104,22 @@ def test_a_force(installed, monkeypatch):
         compose(rovtwin.load_scenario(wrong))
 
 
-def test_a_link(installed):
-    (checked,), names = installed("link.md", "sounder", {"rovtwin.links": {"sounder": "sounder:SOUNDER"}})
+def test_an_instrument(installed):
+    (checked, *_), names = installed("link.md", "sounder", {"rovtwin.links": {"sounder": "sounder:SOUNDER"}})
     with source("sounder://127.0.0.1:9470", Clock()) as sounder:
         assert sounder.read() == []
+    exec(checked, names)
+
+
+def test_a_vehicle(installed):
+    (checked,), names = installed("link.md", "mini", {"rovtwin.links": {"mini": "mini:MINI"}}, at=2, longest=48)
+    opened = opener("mini://127.0.0.1:9471", rovtwin.load_scenario("square"), Clock())
+    with pickle.loads(pickle.dumps(opened))() as mini, socket.socket(type=socket.SOCK_DGRAM) as vehicle:
+        assert mini.read() == []
+        vehicle.sendto(b"7.0 2.5", ("127.0.0.1", 9471))
+        mini.send(Command(np.ones(3)))
+        (depth,) = mini.read()
+        assert depth.value == 2.5 and depth.t_valid == pytest.approx(mini._clock(), abs=0.5) and mini.age < 0.5
     exec(checked, names)
 
 

@@ -7,7 +7,8 @@ import importlib
 import inspect
 import pkgutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
 
 import numpy as np
 import pytest
@@ -20,13 +21,15 @@ from rovtwin.core.link import Link
 from rovtwin.core.log import Channel, Log
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.twin import TwinLink
+from rovtwin.testing import source
 from rovtwin.testing.link import CLAUSES, LinkRig
 
 THRUSTERS = 3
 PERIOD = 0.02
 
 
-def twin_rig() -> LinkRig:
+@contextmanager
+def twin_rig() -> Iterator[LinkRig]:
     """The twin's link on a vehicle of two sensors, one at every period and one at every fifth."""
     now, thrusters = [0.0], [np.zeros(THRUSTERS)]
 
@@ -52,10 +55,12 @@ def twin_rig() -> LinkRig:
         listen()
         return thrusters[0]
 
-    return LinkRig(link, wait, listen, applied)
+    with link:
+        yield LinkRig(link, wait, listen, applied)
 
 
-def replay_rig() -> LinkRig:
+@contextmanager
+def replay_rig() -> Iterator[LinkRig]:
     """A log of two sensors, and a clock by hand."""
     now, t = [0.0], PERIOD * np.arange(1, 500)
     depth = Channel("sensor/pressure", ("depth", "t_valid"), ("m", "s"), "n")
@@ -66,10 +71,12 @@ def replay_rig() -> LinkRig:
     def wait(seconds: float) -> None:
         now[0] += seconds
 
-    return LinkRig(link, wait, link.read, lambda: link.command)
+    with link:
+        yield LinkRig(link, wait, link.read, lambda: link.command)
 
 
-def remote_rig() -> LinkRig:
+@contextmanager
+def remote_rig() -> Iterator[LinkRig]:
     """A link that believes every command for ever, hosted in a thread; the process is tested by itself."""
     inner: list[PlainLink] = []
 
@@ -83,18 +90,22 @@ def remote_rig() -> LinkRig:
         time.sleep(0.05)
         return inner[0].u
 
-    return LinkRig(link, time.sleep, lambda: (time.sleep(0.1), link.read())[1], applied)
+    with link:
+        yield LinkRig(link, time.sleep, lambda: (time.sleep(0.1), link.read())[1], applied)
 
 
-def blueye_rig(double: bool) -> LinkRig:
+@contextmanager
+def blueye_rig(double: bool) -> Iterator[LinkRig]:
     """A link to one Blueye, or to two, behind our own server; its time is the test's, real time only lets it work."""
     from tests.links.blueye.rig import BlueyeRig
 
     rig = BlueyeRig(double, PERIOD)
-    return LinkRig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1, rig.done)
+    with closing(rig), rig.link:
+        yield LinkRig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1)
 
 
-def mavlink_rig() -> LinkRig:
+@contextmanager
+def mavlink_rig() -> Iterator[LinkRig]:
     """An ArduSub's link on the twin's own endpoint, armed; three axes stand for three thrusters."""
     pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
     from tests.links.mavlink.vehicle import endpoint, measured, soon
@@ -106,12 +117,15 @@ def mavlink_rig() -> LinkRig:
     axes = [0, 1, 5]
     off = dict.fromkeys(RATES, 0.0)
     server = endpoint(tcp_port=None, rates=off, gain=1.0)
-    vehicle = serving(server)
-    served = vehicle.__enter__()
-    assert soon(lambda: bool(served.messages))
-    served.feed(0.0, measured(0.0))
-    expected = off | {"ATTITUDE": 50.0, "SCALED_PRESSURE2": 50.0}
-    link = MavlinkLink(f"udpout:127.0.0.1:{server.udp_port}", np.eye(6)[:, axes], rates=expected)
+    with serving(server) as served:
+        assert soon(lambda: bool(served.messages))
+        served.feed(0.0, measured(0.0))
+        expected = off | {"ATTITUDE": 50.0, "SCALED_PRESSURE2": 50.0}
+        with MavlinkLink(f"udpout:127.0.0.1:{server.udp_port}", np.eye(6)[:, axes], rates=expected) as link:
+            yield _armed(link, served, measured, axes)
+
+
+def _armed(link, served, measured, axes) -> LinkRig:
     link.arm()
     tick = [0]
 
@@ -134,17 +148,19 @@ def mavlink_rig() -> LinkRig:
         command = served.commands[-1] if served.commands else None
         return np.array(command.motion)[axes] if command and command.armed else np.zeros(THRUSTERS)
 
-    return LinkRig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))
+    return LinkRig(link, wait, listen, applied)
 
 
-def ros2_rig() -> LinkRig:
+@contextmanager
+def ros2_rig() -> Iterator[LinkRig]:
     """A ROS 2 vehicle that obeys `cmd_thrusters`, without a network."""
     vehicle = FakeVehicle(THRUSTERS, PERIOD)
     vehicle.link.arm()
-    return LinkRig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
+    with vehicle.link:
+        yield LinkRig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
 
 
-RIGS: dict[str, Callable[[], LinkRig]] = {
+RIGS: dict[str, Callable[[], AbstractContextManager[LinkRig]]] = {
     "twin.TwinLink": twin_rig,
     "mavlink.link.MavlinkLink": mavlink_rig,
     "ros2.link.Ros2Link": ros2_rig,
@@ -177,12 +193,15 @@ def test_every_link_has_a_rig():
 
 @pytest.fixture(params=sorted(RIGS))
 def rig(request):
-    rig = RIGS[request.param]()
-    yield rig
-    rig.close()
+    with RIGS[request.param]() as rig:
+        yield rig
 
 
 @pytest.mark.parametrize("clause", CLAUSES, ids=lambda clause: clause.__name__)
 def test_it_holds(rig, clause):
     """The clauses are `rovtwin.testing.link`'s, which links of other packages are held to as well."""
     clause(rig)
+
+
+def test_links_and_sources_keep_one_clause_of_with_blocks():
+    assert set(CLAUSES) & set(source.CLAUSES) == {source.lets_errors_out_of_a_with_block}

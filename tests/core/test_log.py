@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -915,3 +916,22 @@ def test_what_is_known_only_at_the_end_is_in_the_metadata(tmp_path):
     assert info(path).metadata == metadata
     with pytest.raises(LogError, match="closed"):
         writer.annotate({"more": 1})
+
+
+def test_the_page_interpolates_a_heading_across_half_a_turn(tmp_path, monkeypatch):
+    """Its code for reading, on a log whose heading passes +-pi between two samples."""
+    page = (Path(__file__).parents[2] / "docs" / "logs.md").read_text()
+    code = re.search(r"## Reading in Python\n\n```python\n(.*?)```", page, re.S)[1]
+    t, six = np.array([0.0, 2.0, 3.0]), tuple("abcdef")
+    eta = np.zeros((3, 6))
+    eta[:, 5] = [3.0, 3.1, 3.1 + 0.2 - 2 * np.pi]
+    channels = [
+        Channel("truth/eta", ("x", "y", "z", "phi", "theta", "psi"), "1", "n"),
+        Channel("truth/nu", six, "1", "b"),
+    ]
+    log = Log.from_arrays(channels, {"truth/eta": (t, eta), "truth/nu": (t, eta)}, {"scenario": "a: 1"})
+    log.write(tmp_path / "run.mcap")
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    exec(code, names)
+    np.testing.assert_allclose(names["psi"], [3.05, 3.2])

@@ -29,17 +29,20 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.trust import VARIABLE
+from rovtwin.gnc.guard import Guarded
 from rovtwin.runs.batch import score_seeds
 from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
 
 SOURCE = '''
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import rovtwin
-from rovtwin.core.flow import Command, Wrench
+from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Wrench
 from rovtwin.gnc.interfaces import Allocated
 
 
@@ -93,6 +96,24 @@ class Growing(Springs):
 class Raising(Springs):
     def step(self, memory, input, dt):
         return memory, Wrench(input.nothing, jnp.zeros(6, bool))
+
+
+class Choosing(Springs):
+    def step(self, memory, input, dt):
+        error = input.reference.eta - input.estimate.eta
+        if error[0] > 1.0:
+            error = 2.0 * error
+        return memory, Wrench(error, jnp.zeros(6, bool))
+
+
+class Converting(Springs):
+    def step(self, memory, input, dt):
+        return memory, Wrench(np.sin(np.asarray(input.estimate.eta)), jnp.zeros(6, bool))
+
+
+class Rounding(Springs):
+    def step(self, memory, input, dt):
+        return memory, Wrench(jnp.full(6, float(input.estimate.eta[0])), jnp.zeros(6, bool))
 
 
 class Texts(Springs):
@@ -174,6 +195,16 @@ class Remembering(Springs):
         return memory, Wrench(jnp.zeros(6), jnp.zeros(6, bool))
 
 
+class Breeze(rovtwin.Block):
+    """A force that fails only after the vehicle has."""
+
+    def init(self, key, start):
+        return None
+
+    def step(self, memory, input, dt):
+        return memory, -0.1 * input.nu
+
+
 class Gust(rovtwin.Block):
     """A force that is no number from 2 s on."""
 
@@ -182,6 +213,31 @@ class Gust(rovtwin.Block):
 
     def step(self, memory, input, dt):
         return memory + dt, jnp.full(6, jnp.where(memory < 2.0, 0.0, jnp.nan))
+
+
+class Lost(rovtwin.Block):
+    """An observer that is lost from 1 s on."""
+
+    def init(self, key, start):
+        return jnp.zeros(())
+
+    def step(self, memory, input, dt):
+        six = jnp.full(6, jnp.where(memory < 1.0, 0.0, jnp.nan))
+        nis = jnp.zeros(len(input.measurements))
+        return memory + dt, Estimate(six, jnp.zeros(6), jnp.zeros(6), 1e-4 * jnp.eye(12), nis, nis)
+
+
+class Whole(rovtwin.Block):
+    """Another autopilot with a command that is too large, and no number from 1 s to 2 s."""
+
+    output: AutopilotOutput
+
+    def init(self, key, start):
+        return jnp.zeros(())
+
+    def step(self, memory, input, dt):
+        u = jnp.where((memory > 0.99) & (memory < 1.99), jnp.nan, 7.0)
+        return memory + dt, replace(self.output, command=Command(u + self.output.command.u))
 
 
 class Plain:
@@ -195,6 +251,7 @@ def broken(model):
 READY = Springs()
 '''
 SPRINGS = {"controller": "springs"}
+NO_NUMBER = "a value that is no number at t ="
 QUICK = ["duration=6", "log.rate=10"]
 
 
@@ -237,6 +294,13 @@ def scenario(section, *more):
         ({"controller": "own_control:Bare"}, "output of step: found no .tau.*expected Wrench"),
         ({"controller": "own_control:Growing"}, r"memory after step: found .*float64\[3\], expected float64\[2\]"),
         ({"controller": "own_control:Raising"}, "step failed: AttributeError: .*nothing"),
+        (
+            {"controller": "own_control:Choosing"},
+            r"autopilot.controller: own_control:Choosing: step failed: TracerBoolConversionError: .*\(own_control.py, "
+            r"line \d+: if error\[0\] > 1.0:\); .* use jnp.where or jax.lax.cond in place of if",
+        ),
+        ({"controller": "own_control:Converting"}, r"line \d+: return memory, Wrench\(np.sin.*use jax.numpy in place"),
+        ({"controller": "own_control:Rounding"}, r"line \d+: return memory, Wrench\(jnp.full.*in place of float\(\)"),
         ({"controller": "own_control:Texts"}, r"Texts.name: found str, expected a number or an array; declare"),
         ({"controller": "own_control:Halves"}, r"Halves.stiffness: found float16, expected one of float64"),
         ({"controller": "own_control:Complex"}, r"Complex.stiffness: found complex128, expected one of float64"),
@@ -297,6 +361,7 @@ def test_what_is_no_number_aborts_and_turns_thrusters_off(package):
     assert np.isfinite(command).all()
     assert np.abs(command[t < 2.9]).max() > 0.0 and (command[t > 3.05] == 0.0).all()
     assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED and "not a number" in str(flight.summary["reason"])
+    assert flight.summary["why"] == f"autopilot.controller: own_control:Failing gave {NO_NUMBER} 3.00 s"
     assert REASONS[NOT_A_NUMBER] == "not a number"
 
 
@@ -346,9 +411,11 @@ def test_the_console_starts_again_after_one_that_was_no_number(package):
 
 def test_a_force_that_is_no_number_is_named(package):
     square = load_scenario("square").model_dump(mode="json")
-    world = square["world"] | {"forces": ["own_control:Gust"]}
+    world = square["world"] | {"forces": ["own_control:Breeze", "own_control:Gust"]}
     flight = rovtwin.fly(rovtwin.load_scenario(square | {"world": world}, ["duration=8", "log.rate=10"]), say=silent)
-    assert not flight.completed and flight.summary["reason"] == "world.forces not a number: own_control:Gust"
+    assert not flight.completed and flight.summary["reason"] == (
+        f"world.forces[1]: own_control:Gust gave {NO_NUMBER} 2.02 s"
+    )
     assert flight.log["autopilot/mode"].values[-1, 1] == SENSOR_SILENT, "as the page says"
     command = flight.log["autopilot/command"].values
     assert np.isfinite(command).all()
@@ -364,6 +431,34 @@ def test_a_whole_autopilot(package, tmp_path):
         compose(load_scenario(tmp_path / "run" / "scenario.yaml"))
     with pytest.raises(ConfigError, match="own_control:Springs: step failed: AttributeError"):
         rovtwin.fly("square", autopilot=sys.modules["own_control"].READY)
+
+
+def test_an_observer_whose_estimate_is_no_number_is_named(package):
+    section = {"observer": "own_control:Lost", "controller": "springs"}
+    flight = rovtwin.fly("square", overrides=QUICK, autopilot=section, say=silent)
+    assert flight.summary["reason"] == "not a number"
+    assert flight.summary["why"].startswith(f"autopilot.observer: own_control:Lost gave {NO_NUMBER} 1.0")
+
+
+def test_a_whole_autopilot_that_gives_no_number_is_turned_off(package):
+    """In the same tick, as a single block; its command is cut, and who arms again tries it again."""
+    import own_control
+
+    run = compose(scenario({"type": "model_based"}))
+    memory, input = run.loop.autopilot.init(run.key, run.start), AutopilotInput(run.loop.twin.empty(), jnp.asarray(0))
+    _, form = jax.eval_shape(lambda m, i: run.loop.autopilot.step(m, i, run.scenario.control_dt), memory, input)
+    mine = own_control.Whole(jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), form))
+    autopilot, at = Guarded(mine), round(1.0 / run.scenario.control_dt)
+    memory, u, outputs = ticks(autopilot, run, [NO_REQUEST] * (at + 5))
+    assert (u[:at] == 1.0).all() and (u[at:] == 0.0).all()
+    assert int(outputs[-1].setpoint.phase) == ABORTED and int(outputs[-1].setpoint.reason) == NOT_A_NUMBER
+    assert float(memory.autopilot) == pytest.approx(1.0), "its clock stands still"
+    memory = eqx.tree_at(lambda m: m.autopilot, memory, jnp.asarray(2.0))
+    _, u, outputs = ticks(autopilot, run, [ARM, NO_REQUEST], memory)
+    assert int(outputs[-1].setpoint.phase) != ABORTED and (u == 1.0).all()
+    flight = rovtwin.fly("square", overrides=QUICK, autopilot=mine, say=silent)
+    assert flight.summary["why"] == f"autopilot: own_control:Whole gave {NO_NUMBER} 1.00 s"
+    assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED
 
 
 def test_tuning_is_refused(package):

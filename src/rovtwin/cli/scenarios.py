@@ -9,9 +9,33 @@ from rovtwin.cli.output import AsJson, console, emit, table
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A shipped name (see `rovtwin scenario list`) or a YAML file.")
 ]
+
+
+def _there(overrides: list[str] | None) -> list[str] | None:
+    """Look whether code of one's own that `--set` names is there, before anything is imported that takes seconds.
+
+    Raises:
+        ConfigError: It is not.
+    """
+    from rovtwin.core.plugins import BLOCKS, require_there
+    from rovtwin.core.trust import consent_to, is_address
+
+    for text in overrides or ():
+        key, _, value = text.partition("=")
+        if key.strip().partition(".")[0] in ("autopilot", "world") and is_address(value.strip()):
+            consent_to(value.strip())  # as `scenario.files` does: whoever calls the program names this code
+            require_there(value.strip(), BLOCKS, f"--set {key.strip()}")
+    return overrides
+
+
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change the scenario, e.g. world.current=[0.1,0,0]. Repeatable."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the scenario, e.g. world.current=[0.1,0,0]. Repeatable.",
+        callback=_there,
+    ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all randomness; default the scenario's.")]
 

@@ -3,7 +3,11 @@
 Nothing is computed: JAX traces `init` and `step` once. `rovtwin.testing.check_block` runs the block, too.
 """
 
+import importlib
+import traceback
 from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +20,23 @@ from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.core.sensors import FRAMES, SENSORS, SensorKind
 
 KEY = "keep the numbers of a key by jax.random.key_data"
+AROUND = (
+    "jax",
+    "jaxlib",
+    "equinox",
+    "jaxtyping",
+    "numpy",
+    "rovtwin",
+)  # packages whose lines are not the user's mistake
+TRACED = "arrays have no values yet while a block is compiled"
+HINTS = {
+    jax.errors.TracerBoolConversionError: f"{TRACED}: use jnp.where or jax.lax.cond in place of if, and, or, while",
+    jax.errors.TracerIntegerConversionError: f"{TRACED}: use jnp.take or jax.lax.dynamic_slice in place of an index",
+    jax.errors.TracerArrayConversionError: f"{TRACED}: use jax.numpy in place of numpy",
+    jax.errors.NonConcreteBooleanIndexError: f"{TRACED}: use jnp.where in place of a mask as an index",
+    jax.errors.ConcretizationTypeError: f"{TRACED}: use jax.numpy in place of float(), int() and math",
+}
+"""What to write instead, by what JAX raises; the first that fits."""
 
 
 def of_arrays(block: Any, where: str) -> Any:
@@ -106,7 +127,9 @@ def require_same_form(found: Any, expected: Any, where: str, what: str = "") -> 
         raise ConfigError(f"{where}: found {extra[0] or _named(found)}, expected only {what or _named(expected)}")
     for name, form in there.items():
         if here[name] != form:
-            raise ConfigError(f"{where}: found {name} {here[name]}, expected {form}{f', {what}' if what else ''}")
+            raise ConfigError(
+                f"{where}: found {f'{name} {here[name]}'.strip()}, expected {form}{f', {what}' if what else ''}"
+            )
     if jax.tree.structure(found) != jax.tree.structure(expected):
         raise ConfigError(f"{where}: found {_named(found)}, expected {what or _named(expected)}")
 
@@ -152,8 +175,24 @@ def _traced(call: Any, where: str, *arguments: Any) -> Any:
     except ConfigError:
         raise
     except Exception as error:  # of somebody else's code: anything
-        text = next((line.strip() for line in str(error).splitlines() if line.strip()), "")
-        raise ConfigError(f"{where} failed: {type(error).__name__}: {text}") from error
+        text = next((line.strip() for line in str(error).splitlines() if line.strip()), "").removesuffix(".")
+        hint = next((f"; {hint}" for kind, hint in HINTS.items() if isinstance(error, kind)), "")
+        raise ConfigError(f"{where} failed: {type(error).__name__}: {text}{_line_of(error)}{hint}") from error
+
+
+def _line_of(error: Exception) -> str:
+    """The last line of the block's own file that an error came through, in words; "" where there is none."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        file = Path(frame.filename)
+        if file.is_file() and not any(file.is_relative_to(folder) for folder in _around()):
+            return f" ({file.name}, line {frame.lineno}: {frame.line})"
+    return ""
+
+
+@cache
+def _around() -> tuple[Path, ...]:
+    files = (importlib.import_module(name).__file__ for name in AROUND)
+    return tuple(Path(file).parent for file in files if file)
 
 
 def _leaves(tree: Any) -> list[tuple[str, str]]:

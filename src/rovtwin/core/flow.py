@@ -334,7 +334,9 @@ class AutopilotInput(eqx.Module):
 class AutopilotOutput(eqx.Module):
     """All that one autopilot tick produces, for the link (command) and for the log (the rest).
 
-    `health` is the estimate of what each thruster still gives, a share, shape (n_thrusters,).
+    `health` is the estimate of what each thruster still gives, a share, shape (n_thrusters,). `failed` says which part
+    of somebody else's gave what is no number, int: 0 none, else 1 and its place in gnc.guard.PLACES; None: all
+    are ours.
     """
 
     command: Command
@@ -343,3 +345,4 @@ class AutopilotOutput(eqx.Module):
     reference: Reference
     wrench: Wrench
     health: Array
+    failed: Array | None = None

@@ -41,7 +41,7 @@ Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
 
 class AutopilotMemory(eqx.Module):
     """Memories of the parts; the last command u (n_thrusters,), what limits took of the last wrench, (6,), where they
-    cut it, (6,), the place of the last set-point, (3,), and whether a guarded block has failed, bool.
+    cut it, (6,), the place of the last set-point, (3,), and which guarded block has failed, int (see `guard.checked`).
     """
 
     observer: Any
@@ -146,7 +146,7 @@ class Autopilot(Block):
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
         parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
         none, free, command = jnp.zeros(6), jnp.zeros(6, dtype=bool), Command(jnp.zeros_like(self.health))
-        failed = jnp.asarray(False) if self.guarded else None
+        failed = jnp.asarray(0) if self.guarded else None
         return AutopilotMemory(
             **parts,
             command=command,
@@ -164,27 +164,28 @@ class Autopilot(Block):
         monitor, health, ability, axes = self._monitored(memory, estimate, input.request, dt)
         fell_short = memory.shortfall, ability, memory.saturated
         watched = SupervisorInput(
-            estimate, input.request, input.measurements, input.host, *fell_short, memory.desired_position, failed
+            estimate, input.request, input.measurements, input.host, *fell_short, memory.desired_position, _any(failed)
         )
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
         known = _usable(estimate)
         terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)
         guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(known, mission, mode), dt)
+        failed, asked = checked(failed, "guidance", asked)
         contingency, setpoint = self.contingency.step(
             memory.contingency, ContingencyInput(asked, known, mode, _fresh(input)), dt
         )
         place = setpoint.eta[:3]  # before course keeping puts it beside the vehicle
         course, setpoint = self._steered(memory.course, setpoint, known, dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
-        failed, (setpoint, path) = checked(failed, (setpoint, path))
+        failed, path = checked(failed, "reference", path)
 
-        on = mode.active if failed is None else mode.active & ~failed
+        on = mode.active if failed is None else mode.active & (failed == 0)
         feedback = ControlInput(known, path, memory.shortfall, axes)
         control, desired = self.control.step(memory.control, feedback, dt)
-        failed, desired = checked(failed, desired)
+        failed, desired = checked(failed, "controller", desired)
         tau = jnp.where(on, desired.tau, 0.0)
         allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health, axes), dt)
-        failed, allocated = checked(failed, allocated)
+        failed, allocated = checked(failed, "allocation", allocated)
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
@@ -211,7 +212,7 @@ class Autopilot(Block):
             place,
             failed,
         )
-        return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
+        return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health, failed)
 
     def _over_ground(
         self, memory: TerrainMemory | None, measurements: Measurements, estimate: Estimate, dt: float
@@ -241,6 +242,11 @@ class Autopilot(Block):
         before = memory.monitor.retried(request == ARM)
         monitor, found = self.monitor.step(before, HealthInput(estimate, memory.command), dt)
         return monitor, self.health * found, self.ability.judged(found), self.ability.axes(found)
+
+
+def _any(failed: Array | None) -> Array | None:
+    """Whether a block has failed, bool."""
+    return None if failed is None else failed > 0
 
 
 def _fresh(input: AutopilotInput) -> Array:

@@ -3,9 +3,11 @@
 What also flows through the loop outside the autopilot (measurements, estimate, set-point, command) is in `core.flow`.
 """
 
+from typing import Any
+
 import equinox as eqx
 
-from rovtwin.core.flow import Command, Estimate, Measurements, Mission, Reference
+from rovtwin.core.flow import Command, Estimate, Measurements, Mission, Reference, Setpoint, Wrench
 from rovtwin.core.numerics import Array, jnp
 
 MODES = ("idle", "running", "piloted", "paused", "holding", "returning", "surfacing", "aborted")
@@ -91,3 +93,25 @@ class Allocated(eqx.Module):
     residual: Array
     shortfall: Array
     limited: Array
+
+
+def output_of(input: Any) -> Any:
+    """What the block that takes such an input gives, as zeros of its shapes and types; None: no part of an autopilot.
+
+    Args:
+        input: Of one tick, arrays or `jax.ShapeDtypeStruct`s.
+    """
+    three, six, zero, no = jnp.zeros(3), jnp.zeros(6), jnp.zeros((), int), jnp.asarray(False)
+    if isinstance(input, ObserverInput):
+        sensors = jnp.zeros(len(input.measurements))
+        return Estimate(six, six, six, jnp.zeros((12, 12)), sensors, sensors)
+    if isinstance(input, GuidanceInput):
+        return Setpoint(six, six, three, three, no, zero, zero, zero)
+    if isinstance(input, Setpoint):
+        return Reference(six, six, six)
+    if isinstance(input, ControlInput):
+        return Wrench(six, jnp.zeros(6, bool))
+    if isinstance(input, AllocationInput):
+        thrusters = input.health.shape
+        return Allocated(Command(jnp.zeros(thrusters)), six, six, six, jnp.zeros(thrusters, bool))
+    return None

@@ -35,6 +35,7 @@ from rovtwin.runs.realtime import HostAutopilot
 from rovtwin.runs.recording.provenance import beginning, provenance, scenario_to_replay
 from rovtwin.runs.run import CHUNK, above, ticks_in
 from rovtwin.runs.scoring.decisions import decisions
+from rovtwin.runs.scoring.failures import failed_block
 from rovtwin.runs.scoring.summary import not_finished
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.schema import Scenario
@@ -264,6 +265,7 @@ def _summary(recorder: LiveRecorder, simulation: Simulation, ending: str, pace: 
     reason = "" if figures["completed"] else ending or figures["reason"] or not_finished(flown, simulation)
     return figures | {
         "reason": reason,
+        "why": failed_block(flown, simulation.scenario) or None,
         "interrupted": reason == "interrupted",
         "decisions": decisions(flown, simulation.thruster_names, [(0.0, simulation.scenario)], simulation.model),
         **pace.figures(),

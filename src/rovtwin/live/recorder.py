@@ -15,7 +15,8 @@ from rovtwin.monitoring.flight import FlightMonitor
 from rovtwin.runs.loop import Record
 from rovtwin.runs.recording.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
 from rovtwin.runs.recording.recorder import NOT_IN_TESTS, Write
-from rovtwin.runs.scoring.scores import Flown, distance_to_leg, score, score_test
+from rovtwin.runs.scoring.failures import first_failure
+from rovtwin.runs.scoring.scores import Failure, Flown, distance_to_leg, score, score_test
 from rovtwin.scenario.schema import Scenario
 
 UNKNOWN = (  # without the truth nobody knows
@@ -97,6 +98,7 @@ class LiveRecorder:
         self._left_out = _left_out(scenario)
         self._tick = 0
         self._spool = _Spool(folder)
+        self._failed: Failure | None = None
 
     def take(self, measurements: Measurements, decided: AutopilotOutput, host: np.ndarray) -> None:
         """Ticks in a row, leading axis ticks, NumPy; `host` has columns HOST."""
@@ -118,6 +120,7 @@ class LiveRecorder:
             if name not in self._left_out:
                 self._write(name, times, values)
         self._watch(t, measurements, samples["autopilot/command"])
+        self._failed = self._failed or first_failure(decided.failed, t)
         saturated = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
         self._spool.add({"t": t[logged], "saturated": saturated} | scored)
 
@@ -162,6 +165,7 @@ class LiveRecorder:
             tau=whole["tau"],
             bias=whole["bias"],
             progress=whole["progress"][:, 0].astype(int),
+            failed=self._failed,
         )
 
 

@@ -34,12 +34,17 @@ class LoopMemory(eqx.Module):
         """Each tether as it is."""
         return {name: tether.line for name, tether in self.twin.tethers.items()}
 
+    @property
+    def broken_force(self) -> Array | None:
+        """Which force of one's own gave what is no number, see `WorldMemory`."""
+        return self.twin.world.broken
+
 
 class Record(eqx.Module):
     """What one control tick leaves: truth at its instant, readings since the last tick, the autopilot's answer.
 
     `surface` is the depth of the water's surface above CO, None where the world has none; `battery` None where none is
-    simulated; `tethers` by name.
+    simulated; `tethers` by name; `broken_force` as in `WorldMemory`.
     """
 
     state: State
@@ -50,6 +55,7 @@ class Record(eqx.Module):
     surface: Array | None = None
     battery: BatteryState | None = None
     tethers: dict[str, Line] = eqx.field(default_factory=dict)
+    broken_force: Array | None = None
 
 
 class Loop(eqx.Module):
@@ -91,6 +97,7 @@ class Loop(eqx.Module):
             memory.surface,
             memory.twin.battery,
             memory.tethers,
+            memory.broken_force,
         )
         twin, moved = self.twin.step(memory.twin, TwinInput(decided.command, k), control_dt)
         after = LoopMemory(

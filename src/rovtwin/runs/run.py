@@ -85,6 +85,7 @@ def realtime_chunks(
         memory.surface,
         memory.twin.battery,
         memory.tethers,
+        memory.broken_force,
     )
     seen_above(0)
     began = time.monotonic()
@@ -131,9 +132,9 @@ def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.nda
     """The record of several ticks, leading axis ticks, from truth before each and the autopilot's vectors."""
     truths, taken, given = zip(*rows, strict=True)
     truth = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))
-    state, water_velocity, external_wrench, surface, battery, tethers = truth
+    state, water_velocity, external_wrench, surface, battery, tethers, broken = truth
     measurements, decided = autopilot.unpacked(taken, given)
-    return Record(state, water_velocity, external_wrench, measurements, decided, surface, battery, tethers)
+    return Record(state, water_velocity, external_wrench, measurements, decided, surface, battery, tethers, broken)
 
 
 class _Truth:

@@ -7,9 +7,10 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.contract import of_arrays
+from rovtwin.core.contract import of_arrays, require_block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.interfaces import output_of
 
 BATCH = 3
 START = Start.at((0.5, -0.3, 2.0), heading=0.4)
@@ -23,6 +24,7 @@ def check_block(
     start: Start = START,
     shared: Any = 0,
     differentiable: bool = True,
+    output: Any = None,
 ) -> None:
     """Run a block and hold it to all clauses of the contract.
 
@@ -33,11 +35,14 @@ def check_block(
         start: What `init` is given.
         shared: Which of the inputs' leaves a batch shares, as vmap's in_axes for one input; 0 is none.
         differentiable: Whether the outputs have a gradient by parameters and inputs.
+        output: What one tick must give, for its structure, shapes and types; None: what the part of an autopilot that
+            takes such inputs gives, and of other inputs anything.
 
     Raises:
         AssertionError: It breaks a clause.
     """
     contract = BlockContract(block, inputs, dt, start, shared)
+    contract.fits_its_place(output)
     contract.keeps_its_form()
     contract.repeats()
     contract.loops_as_compiled()
@@ -62,6 +67,15 @@ class BlockContract:
         self.run = jax.jit(self._run)
 
     # -- clauses
+
+    def fits_its_place(self, output: Any = None) -> None:
+        """Memory keeps its form, and a tick gives what is expected there, shape by shape; nothing is computed."""
+        one = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), self.inputs)
+        block = self._block(self.arrays)
+        try:
+            require_block(block, one, output_of(one) if output is None else output, self.dt, type(block).__name__)
+        except ConfigError as error:
+            raise AssertionError(str(error)) from error
 
     def keeps_its_form(self) -> None:
         """Structure, shapes and types of memory stay from tick to tick; no NaN and no infinity in memory or output."""

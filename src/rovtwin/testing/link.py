@@ -1,7 +1,7 @@
 """The contract of `core.link.Link`, held by a link with a vehicle at its other end that can be looked at."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.core.numerics import as_array
+from rovtwin.testing.source import lets_errors_out_of_a_with_block
 
 
 @dataclass
@@ -21,7 +22,6 @@ class LinkRig:
         listen: Reads until all that came is read.
         applied: What the thrusters do now, normalised, shape (3,).
         times: How often three thrusters are repeated in a command, each time with the same values.
-        done: Clears away what is at the other end.
         period: Between two readings of its fastest sensor [s].
     """
 
@@ -30,34 +30,30 @@ class LinkRig:
     listen: Callable[[], list[Measurement]]
     applied: Callable[[], np.ndarray]
     times: int = 1
-    done: Callable[[], None] = lambda: None
     period: float = 0.02
 
     def send(self, *u: float) -> None:
         """A command of three thrusters."""
         self.link.send(Command(as_array(np.tile(u, self.times))))
 
-    def close(self) -> None:
-        """Let go of both ends."""
-        self.link.close()
-        self.done()
+    @property
+    def source(self) -> Link:
+        """A link is a source, too."""
+        return self.link
 
 
-def check_link(rig: Callable[[], LinkRig]) -> None:
+def check_link(rig: Callable[[], AbstractContextManager[LinkRig]]) -> None:
     """Hold a link to all clauses of the contract, each on a fresh one.
 
     Args:
-        rig: Opens one.
+        rig: Opens one, and closes both ends at the end of a with block.
 
     Raises:
         AssertionError: It breaks a clause.
     """
     for clause in CLAUSES:
-        fresh = rig()
-        try:
+        with rig() as fresh:
             clause(fresh)
-        finally:
-            fresh.close()
 
 
 def delivers_readings(rig: LinkRig) -> None:
@@ -169,14 +165,6 @@ def closes_after_a_with_block(rig: LinkRig) -> None:
         assert link.read()
     rig.wait(0.2)
     assert rig.link.read() == []
-
-
-def lets_errors_out_of_a_with_block(rig: LinkRig) -> None:
-    """What goes wrong inside `with link:` is raised."""
-    with suppress(ZeroDivisionError):
-        with rig.link:
-            raise ZeroDivisionError
-        raise AssertionError("the error was swallowed")
 
 
 CLAUSES = (

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +15,13 @@ from rovtwin.core.sensors import SENSORS, kind_of
 
 AT_ONCE = 0.5  # what counts as returning at once, on a busy machine [s]
 QUIET = 0.15  # in which what is on its way has come [s]
+
+
+class HasSource(Protocol):
+    """A rig of a source, or of a link, which is one too."""
+
+    @property
+    def source(self) -> Source: ...
 
 
 @dataclass
@@ -127,7 +135,7 @@ def closes_after_a_with_block(rig: SourceRig) -> None:
     assert rig.source.read() == []
 
 
-def lets_errors_out_of_a_with_block(rig: SourceRig) -> None:
+def lets_errors_out_of_a_with_block(rig: HasSource) -> None:
     """What goes wrong inside `with source:` is raised."""
     with suppress(ZeroDivisionError):
         with rig.source:

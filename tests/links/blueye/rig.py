@@ -101,5 +101,5 @@ class BlueyeRig:
         assert wait_for(command)
         return np.array(command().motion[:3])
 
-    def done(self) -> None:
+    def close(self) -> None:
         self._end.close()

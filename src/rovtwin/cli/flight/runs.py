@@ -75,11 +75,11 @@ def _scenario_of(
 ) -> "Scenario":
     """The scenario to fly, by its name or as a sample of a campaign."""
     if replay is None:
+        if scenario is None:
+            raise ConfigError("fly: found no SCENARIO, expected a name of `rovtwin scenario list`, a file, or --replay")
         from rovtwin.runs.compose.fit_experiment import fitted_test
         from rovtwin.scenario.files import load_scenario
 
-        if scenario is None:
-            raise ConfigError("fly: found no SCENARIO, expected a name of `rovtwin scenario list`, a file, or --replay")
         return fitted_test(load_scenario(scenario, overrides, seed))
     if scenario or overrides or seed is not None:
         raise ConfigError("--replay flies a sample as it was: leave out SCENARIO, --set and --seed")

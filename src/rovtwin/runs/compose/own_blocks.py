@@ -17,7 +17,8 @@ from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.plugins import BLOCKS, OWN_SENSORS, load, module_of
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput
+from rovtwin.gnc.guard import Guarded
+from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput, output_of
 from rovtwin.scenario.schema import ModelBasedSection, OwnSensorSection, Scenario
 from rovtwin.scenario.schema.own_block import OwnBlock
 from rovtwin.simulation.sensors.own import OwnSensorInput, seen_at
@@ -55,7 +56,7 @@ def with_own_blocks(
     named = {key: one for key, one in section.own_blocks.items() if key in PLACES}
     if not named:
         return autopilot
-    inputs = _inputs(autopilot, empty, offered["dt"])
+    inputs = _inputs(autopilot, empty)
     parts = {}
     for key, one in named.items():
         label = f"{where}.{key}"
@@ -64,9 +65,7 @@ def with_own_blocks(
         else:
             block = made(one, offered, label)
         block = of_arrays(block, label)
-        ours = getattr(autopilot, PLACES[key])
-        _, _, output = form_of(ours, inputs[key], offered["dt"], label)
-        require_block(block, inputs[key], output, offered["dt"], f"{label}: {one.label}")
+        require_block(block, inputs[key], output_of(inputs[key]), offered["dt"], f"{label}: {one.label}")
         parts[PLACES[key]] = block
     return replace(autopilot, **parts, guarded=True)
 
@@ -176,28 +175,26 @@ def require_own_sensors(scenario: Scenario, twin: Twin, start: Start, dt: float)
         require_block(sensor.own, jax.eval_shape(see), jnp.zeros(sensor.size), 1000.0 / sensor.rate, label)
 
 
-def _inputs(autopilot: Autopilot, empty: Measurements, dt: float) -> dict[str, Any]:
-    """Form of what each place takes, from our own blocks in the order of the data."""
-    six, of_thrusters = jnp.zeros(6), jnp.zeros_like(autopilot.health)
+def _inputs(autopilot: Autopilot, empty: Measurements) -> dict[str, Any]:
+    """Form of what each place takes, in the order of the data."""
+    six, of_thrusters, zero = jnp.zeros(6), jnp.zeros_like(autopilot.health), jnp.asarray(0)
     observed = ObserverInput(empty, Command(of_thrusters))
-    _, _, estimate = form_of(autopilot.observer, observed, dt, "observer")
-    zero = jnp.asarray(0)
+    estimate = output_of(observed)
     asked = GuidanceInput(estimate, autopilot.mission, Mode(zero, zero))
-    _, _, setpoint = form_of(autopilot.guidance, asked, dt, "guidance")
-    _, _, path = form_of(autopilot.reference, setpoint, dt, "reference")
+    setpoint = output_of(asked)
     return {
         "observer": observed,
         "guidance": asked,
         "reference": setpoint,
-        "controller": ControlInput(estimate, path, six, six),
+        "controller": ControlInput(estimate, output_of(setpoint), six, six),
         "allocation": AllocationInput(six, of_thrusters, six),
     }
 
 
 def whole_autopilot(
-    ours: Block, section: ModelBasedSection, given: Mapping[str, Block], empty: Measurements, dt: float, where: str
+    ours: Autopilot, section: ModelBasedSection, given: Mapping[str, Block], empty: Measurements, dt: float, where: str
 ) -> Block:
-    """The autopilot, or one that was handed over in its place, which takes and gives what ours does.
+    """The autopilot, or one that was handed over in its place, which takes and gives what ours does and is watched.
 
     Raises:
         ConfigError: It does not.
@@ -206,9 +203,10 @@ def whole_autopilot(
         return ours
     block = of_arrays(_handed_over("autopilot", section.given, given, where), where)
     input = AutopilotInput(empty, jnp.asarray(NO_REQUEST))
-    _, _, output = form_of(ours, input, dt, where)
+    alike = replace(ours, guarded=getattr(block, "guarded", False))  # one of ours with blocks in it says which failed
+    _, _, output = form_of(alike, input, dt, where)
     require_block(block, input, output, dt, f"{where}: {section.given}")
-    return block
+    return Guarded(block)
 
 
 def _handed_over(key: str, name: str, given: Mapping[str, Block], where: str) -> Block:

@@ -8,7 +8,8 @@ import numpy as np
 from rovtwin.runs.loop import Record
 from rovtwin.runs.recording.channels import autopilot_samples, nis_samples, sensor_samples, truth_samples
 from rovtwin.runs.run import until_the_end
-from rovtwin.runs.scoring.scores import Flown
+from rovtwin.runs.scoring.failures import first_failure
+from rovtwin.runs.scoring.scores import Failure, Flown
 from rovtwin.scenario.schema import Scenario
 
 Write = Callable[[str, np.ndarray, np.ndarray], None]  # channel, times, samples
@@ -36,6 +37,8 @@ class Recorder:
         self._pose: list[np.ndarray] = []
         self._saturated: list[np.ndarray] = []
         self._energy: list[float] = []
+        self._failed: Failure | None = None
+        self._broken: Failure | None = None
 
     def take(self, record: Record) -> None:
         """One chunk, leading axis ticks."""
@@ -56,6 +59,8 @@ class Recorder:
         if record.battery is not None:
             used = np.asarray(record.battery.used).sum(axis=1)
             self._energy += [float(used[0]), float(used[-1])]
+        self._failed = self._failed or first_failure(record.autopilot.failed, t)
+        self._broken = self._broken or first_failure(record.broken_force, t)
         self._saturated.append(np.any(np.abs(record.autopilot.command.u) >= 1.0 - 1e-9, axis=1))
 
     def _log(self, write: Write, record: Record, samples: dict[str, np.ndarray], t: np.ndarray, logged: Any) -> None:
@@ -99,6 +104,8 @@ class Recorder:
             outside=whole["truth/external_wrench"],
             progress=whole["autopilot/progress"][:, 0].astype(int),
             pose=np.concatenate(self._pose),
+            failed=self._failed,
+            broken_force=self._broken,
         )
 
 

@@ -1,7 +1,7 @@
 """Scores of a run, as `docs/scenarios.md` defines them: from the truth, never from the estimate."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -15,6 +15,13 @@ SAMPLED = (  # parts of a Flown with a row for each instant
     *("t", "eta", "nu", "eta_hat", "nu_hat", "covariance", "leg", "mode", "health", "reference", "setpoint", "tau"),
     *("bias", "water", "outside", "progress"),
 )
+
+
+class Failure(NamedTuple):
+    """What of somebody else's gave what is no number, 1 and its place in a list, and when [s]."""
+
+    code: int
+    t: float
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,8 @@ class Flown:
         outside: Wrench of waves, their drift and tethers at CO, b, shape (n, 6); None where nobody knows it.
         progress: One of core.flow.PROGRESS, as a number, shape (n,); None where nobody kept it.
         pose: Truth every control tick, as `eta`, shape (m, 6); None where nobody kept it.
+        failed: The first part of the autopilot (of gnc.guard.PLACES) that gave what is no number; None: none did.
+        broken_force: The first of the world's forces that did.
     """
 
     t: np.ndarray
@@ -65,6 +74,8 @@ class Flown:
     outside: np.ndarray | None = None
     progress: np.ndarray | None = None
     pose: np.ndarray | None = None
+    failed: Failure | None = None
+    broken_force: Failure | None = None
 
     def during(self, start: float, end: float = np.inf) -> "Flown":
         """The instants from a start up to an end [s]; what is of every control tick stays whole."""

@@ -13,6 +13,7 @@ from rovtwin.runs.scoring.contacts import touched
 from rovtwin.runs.scoring.decisions import decisions
 from rovtwin.runs.scoring.depths import not_at_depth
 from rovtwin.runs.scoring.endings import why_ended
+from rovtwin.runs.scoring.failures import broken_force, failed_block
 from rovtwin.runs.scoring.headings import unmet_headings
 from rovtwin.runs.scoring.scores import Flown, nees_interval, score, score_test
 from rovtwin.runs.scoring.stalls import unfinished
@@ -24,7 +25,7 @@ def summarise(flown: Flown, simulation: Simulation, interrupted: bool) -> dict[s
     judged, twin = not simulation.scenario.test, simulation.loop.twin
     figures = score(flown) if judged else score_test(flown)
     deep = not_at_depth(flown, simulation.scenario, simulation.model) if figures["completed"] and judged else ""
-    broken = broken_force(flown, simulation)
+    broken = broken_force(flown, simulation.scenario)
     figures["completed"] = figures["completed"] and not deep and not broken
     interrupted = (
         interrupted and not figures["completed"] and not deep
@@ -44,7 +45,7 @@ def summarise(flown: Flown, simulation: Simulation, interrupted: bool) -> dict[s
         figures["depth_rms_m"] = None  # the depth asked for leads the floor: no error of the vehicle
     return figures | {
         "reason": reason,
-        "why": why_ended(flown, twin.model, reason),
+        "why": failed_block(flown, simulation.scenario) or why_ended(flown, twin.model, reason),
         "interrupted": interrupted,
         "foreseen": [finding.line for finding in judge(simulation.scenario, twin.model, sensors=twin.sensors)],
         "altitude_rms_m": altitude,
@@ -58,17 +59,6 @@ def summarise(flown: Flown, simulation: Simulation, interrupted: bool) -> dict[s
     }
 
 
-def broken_force(flown: Flown, simulation: Simulation) -> str:
-    """That forces of one's own gave what is no number; empty where they did not.
-
-    After it the vehicle is nowhere. The autopilot sees no more than sensors that fall silent, and ends for that.
-    """
-    forces = simulation.scenario.world.forces
-    if not forces or flown.outside is None or np.isfinite(flown.outside).all():
-        return ""
-    return f"world.forces not a number: {', '.join(dict.fromkeys(one.block for one in forces))}"
-
-
 def ending(flown: Flown, simulation: Simulation, reason: str) -> str:
     """How a flight that was not completed ended, when and why, in one line.
 
@@ -79,7 +69,7 @@ def ending(flown: Flown, simulation: Simulation, reason: str) -> str:
     """
     if not reason:
         return not_finished(flown, simulation)
-    why = why_ended(flown, simulation.loop.twin.model, reason)
+    why = failed_block(flown, simulation.scenario) or why_ended(flown, simulation.loop.twin.model, reason)
     return f"{reason} after {flown.duration:.0f} s" + (f", {why}" if why else "")
 
 

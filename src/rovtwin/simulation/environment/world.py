@@ -16,11 +16,15 @@ from rovtwin.vehicle.physics.dynamics import State
 
 
 class WorldMemory(eqx.Module):
-    """Memories of the parts; None where there is no such part."""
+    """Memories of the parts; None where there is no such part.
+
+    `broken` is the first force that gave what is no number, int: 0 none, else 1 and its index; None without forces.
+    """
 
     current: object
     waves: object
     forces: tuple[object, ...] = ()
+    broken: Array | None = None
 
 
 class World(Block):
@@ -50,6 +54,7 @@ class World(Block):
             None if self.current is None else self.current.init(key_for(key, "current"), start),
             None if self.waves is None else self.waves.init(key_for(key, "waves"), start),
             tuple(force.init(key_for(key, f"force {i}"), start) for i, force in enumerate(self.forces)),
+            jnp.asarray(0) if self.forces else None,
         )
 
     def step(self, memory: WorldMemory, input: State, dt: float) -> tuple[WorldMemory, Environment]:
@@ -66,11 +71,14 @@ class World(Block):
         if action.force is not None:
             force = action.force @ rotation_from_quaternion(input.attitude)
         wrench = jnp.concatenate([force, jnp.zeros(3)])
-        forces = []
-        for acting, before in zip(self.forces, memory.forces, strict=True):
+        forces, broken = [], memory.broken
+        for i, (acting, before) in enumerate(zip(self.forces, memory.forces, strict=True)):
             after, added = acting.step(before, input, dt)
             forces.append(after)
             wrench = wrench + added
+            # After the first the vehicle is nowhere, and the others are no numbers either.
+            assert broken is not None
+            broken = jnp.where((broken == 0) & ~jnp.all(jnp.isfinite(added)), i + 1, broken)
         surface = self.surface
         if surface is not None and action.elevation is not None:
             surface = surface - action.elevation
@@ -87,7 +95,7 @@ class World(Block):
             floor=floor,
             slope=slope,
         )
-        return WorldMemory(current, waves, tuple(forces)), environment
+        return WorldMemory(current, waves, tuple(forces), broken), environment
 
     def bounds_at(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
         """Walls, depth of the floor [m] and its slope, shape (2,), below a place (3,)."""
