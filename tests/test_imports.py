@@ -182,7 +182,12 @@ LAYERS: dict[str, list[set[str]]] = {
         {"recording"},
         {"batch", "fly", "smooth", "watch"},
     ],
-    "live": [{"manoeuvres", "readiness"}, {"beside", "connect", "record", "recorder", "serving"}, {"flight"}],
+    "live": [
+        {"manoeuvres", "readiness"},
+        {"beside", "connect", "record", "recorder", "serving"},
+        {"flight"},
+        {"pulses"},
+    ],
 }
 
 # What may be imported while `rovtwin --help` starts; anything that computes goes inside the command's function.

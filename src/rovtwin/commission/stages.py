@@ -1,6 +1,7 @@
 """The stages in their order."""
 
 from rovtwin.commission import bench, certificate, paper
+from rovtwin.commission.dip import stage as dip
 from rovtwin.commission.stage import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -19,6 +20,14 @@ STAGES: tuple[Stage, ...] = (
         "Put the vehicle into the middle of the tank, well below the surface, hands on it.",
         False,
         bench.run,
+    ),
+    Stage(
+        "dip",
+        "Dip",
+        "each thruster in turn at small command: does the vehicle move as its file says?",
+        "Have a scale or a known ballast mass ready.",
+        True,
+        dip.run,
     ),
     Stage(
         "certificate",

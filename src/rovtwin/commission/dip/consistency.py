@@ -46,9 +46,7 @@ def _depth(motion: Motion, down: np.ndarray) -> Iterator[Check]:
     a, b = _leaky(down), _leaky(np.gradient(rate, STEP))
     moved, likeness = float(np.sqrt(np.mean(a**2))), float(np.corrcoef(a, b)[0, 1]) if np.ptp(b) > 0 else 0.0
     if moved < MOVED or abs(likeness) < TELLS:
-        yield Check(
-            "note", "pressure", "pushes moved it too little up and down to judge depth by the accelerometer"
-        )
+        yield Check("note", "pressure", "pushes moved it too little up and down to judge depth by the accelerometer")
         return
     scale = float(a @ b / (a @ a))
     if scale < 0.0:

@@ -37,9 +37,10 @@ def corrected(vehicle: Vehicle, found: Sequence[Verdict], path: Path) -> bool:
     for name, other in {tuple(sorted((v.name, v.other))) for v in found if v.what == "swapped"}:
         first, second = rows[places[name]], rows[places[other]]
         # What lies where is known by the pushes: the wires have changed places, so each name goes to the other's place.
-        kept = {key: first.get(key) for key in ("position", "direction")}
         for key in ("position", "direction"):
-            first[key], second[key] = second.get(key), kept[key]
+            there, here = second.pop(key, None), first.pop(key, None)
+            first |= {} if there is None else {key: there}
+            second |= {} if here is None else {key: here}
         changed = True
     if changed:
         vehicle_from_dict(data, str(path))  # or it would be no vehicle

@@ -244,5 +244,5 @@ def _factors(b: np.ndarray, B: np.ndarray) -> np.ndarray:
         pushing = np.abs(B[axis]) > PUSHED
         if pushing.any():
             ratio = np.abs(b[axis, pushing] / B[axis, pushing])
-            factors[axis] = max(float(np.quantile(ratio, 0.7)), 1e-3)
+            factors[axis] = max(float(np.quantile(ratio, 0.7, method="nearest")), 1e-3)
     return factors

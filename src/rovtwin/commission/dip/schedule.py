@@ -36,7 +36,7 @@ def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
 def pushes(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Command, 0 to 1, and length [s] of each thruster's push, shapes (n,): see the module; else the gentlest."""
     count = model.thrusters.count
-    size, length, told = np.full(count, SIZES[0]), np.full(count, LENGTHS[0]), np.zeros(count)
+    size, length, information = np.full(count, SIZES[0]), np.full(count, LENGTHS[0]), np.zeros(count)
     for i in range(count):
         for seconds in LENGTHS:
             for command in SIZES:
@@ -45,8 +45,8 @@ def pushes(model: Model) -> tuple[np.ndarray, np.ndarray]:
                 moved, force = (np.asarray(x) for x in _foreseen(model, as_array(u)))
                 if not np.all(moved <= [AWAY, TURN, TILT]):
                     break
-                if force[i] ** 2 * seconds > told[i]:
-                    size[i], length[i], told[i] = command, seconds, force[i] ** 2 * seconds
+                if force[i] ** 2 * seconds > information[i]:
+                    size[i], length[i], information[i] = command, seconds, force[i] ** 2 * seconds
     return size, length
 
 
