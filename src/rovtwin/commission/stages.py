@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from rovtwin.commission import bench, certificate, paper
+from rovtwin.commission import bench, certificate, estimate, excite, paper
 from rovtwin.commission.stage import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -19,6 +19,22 @@ STAGES: tuple[Stage, ...] = (
         "Put the vehicle into the middle of the tank, well below the surface, hands on it.",
         False,
         bench.run,
+    ),
+    Stage(
+        "excite",
+        "Excite",
+        "the planned test, in parts, until damping is known as well as was asked for",
+        "Take the vehicle out or leave it; the estimate needs nobody.",
+        True,
+        excite.run,
+    ),
+    Stage(
+        "identify",
+        "Identify",
+        "all parameters with intervals, whether the tests repeat, the uncertainty budget",
+        "Read the page, then let the autopilot be tuned and proven on the twin.",
+        False,
+        estimate.run,
     ),
     Stage(
         "certificate",
