@@ -173,6 +173,13 @@ def test_a_log_that_cannot_be_right_stops_before_anything_is_estimated(bench):
     assert not outcome.go and not made.planned and "swapped" in outcome.reasons[0]
 
 
+def test_a_part_that_leaves_nothing_stops(bench, monkeypatch):
+    made = bench()
+    monkeypatch.setattr(excite, "read_logs", lambda vehicle, logs, folder: Flown((), (), ()))
+    outcome = excite.run(made.work)
+    assert len(made.flown) == 1 and not outcome.go and "no log that can be used" in outcome.reasons[0]
+
+
 def test_too_few_minutes_for_any_manoeuvre_are_named(bench, monkeypatch):
     made = bench()
     monkeypatch.setattr(excite, "plan_tests", lambda *a, **k: (_ for _ in ()).throw(IdentificationError("too short")))

@@ -72,8 +72,10 @@ class _Excitation:
             if end is not None:
                 self.checks.append(end)
                 break
-            stop = self._part(flown, found)
+            stop, before = self._part(flown, found), flown.minutes
             flown = self._flown()
+            if stop is None and flown.minutes <= before:
+                stop = Check("stop", "parts", "the last one left no log that can be used", "See why, then repeat it.")
             if stop is not None:
                 self.checks.append(stop)
                 break

@@ -74,6 +74,14 @@ def test_a_whole_log_a_torn_one_and_one_that_is_none(tmp_path, vehicle, unchecke
     assert "1/part-3" not in by_name, "nothing was armed: nothing is missing"
 
 
+def test_a_test_that_ended_as_it_began_is_left_out_and_harms_nothing(tmp_path, vehicle):
+    log = write(tmp_path / "1" / "part-1" / "log.mcap", vehicle, 1.5)
+    found = logs.read_logs(vehicle, [log], tmp_path)
+    assert not found.records and not found.logs
+    (check,) = found.checks
+    assert check.verdict == "note" and "left out" in check.text
+
+
 def test_what_cannot_be_right_stops_and_what_is_odd_warns(tmp_path, vehicle, monkeypatch):
     found = [
         Finding("error", "swapped", "gyro", "p and q are swapped.", "Mend the mounting."),

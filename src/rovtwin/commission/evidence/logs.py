@@ -13,6 +13,7 @@ from rovtwin.identification.logs.readers import read_records
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
 
+LEAST = 5.0  # of a test that is used [s]: one that ended as it began has neither motion nor a clock to check
 FIX = "Look at it with `rovtwin evidence check`; to fly it again, mend the cause and move the log out of the folder."
 
 
@@ -59,11 +60,14 @@ def read_logs(vehicle: Vehicle, logs: Sequence[Path], folder: Path) -> Flown:
         except IdentificationError as error:
             checks.append(Check("warning", _name(log), f"left out: {error}"))
             continue
-        found = [*notes, *_looked_over(own, model, vehicle.thruster_names)] if own else []
-        checks += found
-        if own:
+        long = [record for record in own if record.duration >= LEAST]
+        if own and not long:
+            text = f"left out: {own[0].duration:.1f} s long, less than {LEAST:g} s tell nothing"
+            checks.append(Check("note", _name(log), text))
+        if long:
+            checks += [*notes, *_looked_over(long, model, vehicle.thruster_names)]
             used.append(file)
-            records += own
+            records += long
     return Flown(tuple(used), tuple(records), tuple(checks))
 
 
