@@ -85,6 +85,9 @@ def _read(log: Path, vehicle: Vehicle, folder: Path) -> tuple[Path, list[Record]
             raise error from None
         if not mended.messages.get("autopilot/command"):
             return out, [], []
+        if mended.finished:  # it is whole: something else is wrong with it
+            out.unlink()
+            raise
         text = f"its flight was cut off; {(mended.last_time or 0.0):.0f} s of it are saved and used"
         return out, read_records(out, vehicle), [Check("note", _name(log), text)]
 
