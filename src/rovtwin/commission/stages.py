@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from rovtwin.commission import bench, certificate, estimate, excite, paper
+from rovtwin.commission import bench, certificate, estimate, excite, paper, scale
 from rovtwin.commission.stage import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -19,6 +19,14 @@ STAGES: tuple[Stage, ...] = (
         "Put the vehicle into the middle of the tank, well below the surface, hands on it.",
         False,
         bench.run,
+    ),
+    Stage(
+        "scale",
+        "Scale",
+        "what newtons are, by a pull on a scale",
+        "Take the line off, put the vehicle into the middle of the tank, and start the test.",
+        True,
+        scale.run,
     ),
     Stage(
         "excite",
