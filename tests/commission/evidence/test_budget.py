@@ -52,7 +52,7 @@ def test_the_pull_is_type_b_and_says_little_where_masses_are_held(result):
     assert "reading of the scale" not in by_source(budget(result, thrust_forces(result, ["surge"]))[0])
 
 
-def test_density_counts_as_much_as_was_said_of_it(result):
+def test_density_counts_by_whether_it_was_stated(result):
     (one, *_) = damping_forces(result, ["surge"])
     (row,) = budget(result, [one], ["a pull"])
     (density,) = [part for source, part in by_source(row).items() if "density" in source]
