@@ -1,5 +1,7 @@
 """Bench and dip beside a twin that is not quite what the file says; mistakes are planted, named, and stop the stage."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.commission.waterside import Corrupted, CountingClock, Yes, twin
@@ -59,7 +61,8 @@ def test_a_sound_vehicle_passes_bench_and_dip(tmp_path, monkeypatch):
     by_name = {one["name"]: one for one in found.measured["sensors"]}
     assert by_name["gyro"]["rate_hz"] == pytest.approx(100.0, rel=0.05)
     np.testing.assert_allclose(by_name["accelerometer"]["noise"], 0.0308, rtol=0.15)
-    found = dip.run(work)
+    (work.folder / "again").mkdir()
+    found = dip.run(replace(work, folder=work.folder / "again"))
     assert found.go, found.reasons
     assert [one["what"] for one in found.measured["thrusters"]] == ["ok"] * 6
     assert found.seconds < 120.0 and np.abs(made[1].commands[-1]).max() == 0.0  # thrusters off at the end

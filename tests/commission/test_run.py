@@ -82,7 +82,7 @@ def test_a_killed_attempt_leaves_its_log_and_is_done_again(tmp_path):
 def test_a_description_that_changed_since_is_out_of_date(tmp_path):
     vehicle = tmp_path / "mine.yaml"
     body = "name: mine\nmass: 10\nvolume: 0.01\nthrusters: [{name: a, direction: [1, 0, 0], force: 10}]\n"
-    vehicle.write_text(body + "shapes: [{box: [0.4, 0.3, 0.2]}]\n")
+    vehicle.write_text(body + "shape: {box: [0.4, 0.3, 0.2]}\n")
     request, stages = Request(str(vehicle), "twin://"), [stage("one"), stage("two")]
     commission(request, tmp_path / "c", stages, Yes())
     assert words(tmp_path / "c", stages) == ["passed", "passed"]

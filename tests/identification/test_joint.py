@@ -360,6 +360,9 @@ def test_what_a_log_says_by_itself_is_what_it_gives_alone(vehicle):
         np.testing.assert_allclose(apart.theta[k], alone.theta, atol=0.15)
         assert alone.solution is not None and alone.solution.apart is None
     assert apart.disagreeing()[0] == (0, 1)
+    assert apart.difference_covariance is not None
+    differences = np.diagonal(apart.difference_covariance, axis1=2, axis2=3)
+    np.testing.assert_allclose(np.sqrt(differences[0, 1]), apart.difference_std[0, 1])
     assert both.verdicts[0] == "contradicted"
     assert any("logs disagree beyond their widths" in f and "added_mass.surge" in f for f in both.findings)
     same = [logs[0], replace(record(vehicle.model(), *steps_command(vehicle, 4, 20.0), 20.0, seed=4), name="log_4")]

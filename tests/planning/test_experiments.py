@@ -53,6 +53,12 @@ def test_candidates_excite_only_what_thrusters_push():
     assert pair == again
 
 
+def test_where_nobody_tilts_the_vehicle_no_release_is_a_candidate():
+    scales = ExperimentScales.of(load_vehicle("double_blueye").model())
+    every, alone = candidates(scales, 1), candidates(scales, 1, by_hand=False)
+    assert alone == [one for one in every if one["manoeuvre"] != "release"] and len(alone) < len(every)
+
+
 def test_the_steady_steps_are_the_thesis_protocol_pull_by_pull():
     pulls = thesis_pulls("double_blueye")
     assert len(pulls) == 6 + 4 + 4 + 5 + 2

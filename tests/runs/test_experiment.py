@@ -2,6 +2,7 @@
 
 import json
 
+import equinox as eqx
 import numpy as np
 import pytest
 from rich.console import Console
@@ -13,7 +14,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.log import Log
-from rovtwin.core.numerics import jax
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.user_files.config import parse
 from rovtwin.gnc.experiment import HoldingGains, mixing
 from rovtwin.gnc.mounting import Mount, at_co
@@ -364,3 +365,14 @@ def test_a_depth_limit_ends_a_test():
     deep = short(autopilot={"supervisor": {"depth_limit": 2.9}})  # it starts at 3 m
     with pytest.raises(ConfigError, match=r"short, seed 1: aborted after 0 s \(depth limit\)"):
         experiment_records(deep, seeds=[1, 2])
+
+
+def test_home_is_where_it_begins_or_where_the_scenario_starts():
+    for at_start, expected in ((False, [4.0, 0.0, 2.5]), (True, [1.0, 2.0, 3.0])):
+        scenario = short([{"manoeuvre": "rest", "duration": 0.5, "home": 4}])
+        scenario = scenario.model_copy(update={"test": scenario.test.model_copy(update={"home_at_start": at_start})})
+        run = compose(scenario)
+        elsewhere = eqx.tree_at(lambda start: start.position, run.start, jnp.array([4.0, 0.0, 2.5]))
+        home = run.loop.autopilot.init(jax.random.key(0), elsewhere).home
+        np.testing.assert_allclose(home[:3], expected)
+        np.testing.assert_allclose(home[5], np.radians(30), atol=1e-9)

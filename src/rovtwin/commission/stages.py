@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from rovtwin.commission import bench, certificate, paper
+from rovtwin.commission import bench, certificate, estimate, excite, paper, scale
 from rovtwin.commission.dip import stage as dip
 from rovtwin.commission.stage import Stage
 
@@ -28,6 +28,30 @@ STAGES: tuple[Stage, ...] = (
         "Have a scale or a known ballast mass ready.",
         True,
         dip.run,
+    ),
+    Stage(
+        "scale",
+        "Scale",
+        "what newtons are, by a pull on a scale",
+        "Take the line off, put the vehicle into the middle of the tank, and start the test.",
+        True,
+        scale.run,
+    ),
+    Stage(
+        "excite",
+        "Excite",
+        "the planned test, in parts, until damping is known as well as was asked for",
+        "Take the vehicle out or leave it; the estimate needs nobody.",
+        True,
+        excite.run,
+    ),
+    Stage(
+        "identify",
+        "Identify",
+        "all parameters with intervals, whether the tests repeat, the uncertainty budget",
+        "Read the page, then let the autopilot be tuned and proven on the twin.",
+        False,
+        estimate.run,
     ),
     Stage(
         "certificate",

@@ -140,6 +140,7 @@ class Experiment(Block):
         mounts: Sensors that do not sit at CO along the axes of b, by name.
         smoothing: Share of a position's surprise that is accepted.
         tracking: Rate at which its speed is corrected [1/s].
+        home: Pose that it comes home to and holds, n, Euler angles last, shape (6,); None: the one it starts at.
     """
 
     mixing: Array
@@ -149,6 +150,7 @@ class Experiment(Block):
     mounts: dict[str, Mount] = eqx.field(default_factory=dict)
     smoothing: Array = eqx.field(converter=as_array, default=0.25)
     tracking: Array = eqx.field(converter=as_array, default=0.5)
+    home: Array | None = None
 
     @classmethod
     def of(
@@ -157,15 +159,17 @@ class Experiment(Block):
         timeline: Timeline,
         supervisor: Supervisor | None = None,
         mounts: dict[str, Mount] | None = None,
+        home: Array | None = None,
     ) -> "Experiment":
         """An experiment on a vehicle; its forces are used by what is held, and by nothing else."""
         mix, gains = as_array(mixing(model)), HoldingGains.of(model)
-        return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {})
+        return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {}, home=home)
 
     def init(self, key: Array, start: Start) -> ExperimentMemory:
         euler = euler_from_quaternion(start.attitude)
         raw = RawEstimate(start.position, jnp.zeros(3), euler, start.velocity[3:], jnp.zeros(()))
-        home = jnp.concatenate([start.position, jnp.zeros(2), euler[2:]])
+        here = jnp.concatenate([start.position, jnp.zeros(2), euler[2:]])
+        home = here if self.home is None else self.home
         return ExperimentMemory(raw, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int))
 
     def step(

@@ -18,6 +18,7 @@ from rovtwin.core.processes.urgent import settle, urgent
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.links.replay import ReplayLink
+from rovtwin.links.twin import TwinLink
 from rovtwin.live.beside import changed, monitor_of
 from rovtwin.live.manoeuvres import Cue, Prompter, touched_spans
 from rovtwin.live.readiness import NEEDED, NEEDED_IN_TESTS, TO_COME_HOME, Readiness, SensorMux, listen
@@ -161,9 +162,11 @@ def _dry(scenario: Scenario) -> Scenario:
 
 
 def _rewound(link: Link) -> None:
-    """A log begins when it is listened to, not when it was opened."""
+    """A log begins when it is listened to, not when it was opened; a computed vehicle waits for its host."""
     if isinstance(link, ReplayLink):
         link.rewind()
+    if isinstance(link, TwinLink):
+        link.go_on_from_here()
 
 
 class _LiveLoop:

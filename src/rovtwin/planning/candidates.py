@@ -60,12 +60,13 @@ def thesis_pulls(reference: str) -> list[dict[str, Any]]:
     return pulls
 
 
-def candidates(scales: ExperimentScales, seed: int) -> list[dict[str, Any]]:
+def candidates(scales: ExperimentScales, seed: int, by_hand: bool = True) -> list[dict[str, Any]]:
     """Manoeuvres to choose from, each with its way home.
 
     Args:
         scales: Of the vehicle: excited are axes that it pushes, in its own times.
         seed: Of multi-sines.
+        by_hand: Whether somebody tilts the vehicle for releases.
     """
     axes = [axis for axis, can in zip(AXES, scales.able, strict=True) if can]
     times = _Times.of(scales)
@@ -85,7 +86,7 @@ def candidates(scales: ExperimentScales, seed: int) -> list[dict[str, Any]]:
         for level in (0.2, 0.4, 0.6, 0.8, 1.0) if axis in ("surge", "sway") else ():
             steps = {"manoeuvre": "steps", "axis": axis, "levels": [level], "duration": 0.5 * times.pull}
             found.append(home | steps | {"alternate": True})
-    return found + [home | one for one in _releases(scales, times)]
+    return found + [home | one for one in (_releases(scales, times) if by_hand else ())]
 
 
 def _releases(scales: ExperimentScales, times: _Times) -> list[dict[str, Any]]:

@@ -46,6 +46,7 @@ from rovtwin.vehicle.physics.actuation import wrench_limits
 BOLLARD = 0.02  # full thrust is known to, before the test
 # Roll or pitch beyond which another true vehicle may leave the attitude limit [rad]; what hands do is no fault.
 TIPPING = max(0.75 * RULES["attitude limit"].limit, 1.01 * np.arcsin(TIPPED))
+NOBODY = "releases left out: nobody tilts the vehicle; its damping in roll and pitch is tested by their couplings only"
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
 MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
@@ -137,6 +138,7 @@ def plan_tests(
     bollard: float | None = BOLLARD,
     seed: int = 1,
     progress: Progress = lambda what, share: None,
+    by_hand: bool = True,
 ) -> Plan:
     """The test of so many minutes in a tank that is expected to tell most about a vehicle.
 
@@ -148,6 +150,7 @@ def plan_tests(
         bollard: See `what_is_known`.
         seed: Of the candidates' multi-sines.
         progress: Told what is being done and how far it is, 0 to 1.
+        by_hand: Whether somebody is there who tilts the vehicle for releases.
 
     Raises:
         ConfigError: The vehicle does not fit the tank, or no candidate does.
@@ -155,7 +158,7 @@ def plan_tests(
     """
     model = vehicle.model()
     scales = ExperimentScales.of(model)
-    pool = candidates(scales, seed)
+    pool = candidates(scales, seed, by_hand)
     require_possible(vehicle, scales, tank, bool(pool))
     pulls = thesis_pulls(reference)
     margin = MARGIN * scales.length
@@ -217,7 +220,7 @@ def plan_tests(
         room=tank.room(vehicle, whole)[0],
         candidates=(len(pool), len(usable)),
         manoeuvres=[in_words(pool[usable[i]]) for i in order],
-        notes=[*axes_left_out(scales), *tilted, *slow],
+        notes=[*axes_left_out(scales), *([] if by_hand else [NOBODY]), *tilted, *slow],
         model=model,
     )
 

@@ -1,5 +1,6 @@
 """rovtwin commission: from a vehicle file with a new payload to a proven vehicle, stage by stage."""
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -64,6 +65,7 @@ def commission(
 
     Later: [bold]rovtwin commission -o commissioned[/bold] goes on; [bold]--stage dip[/bold] repeats one stage.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `plan-tests`: NumPy reads it when it is imported
     from rovtwin.commission.dossier import status
     from rovtwin.commission.run import commission as run
     from rovtwin.commission.stages import STAGES

@@ -9,7 +9,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import GO, HOLD, IDLE
 from rovtwin.core.frames import rotation_from_euler
-from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.experiment import SPRING, Experiment, HoldingGains, Timeline, mixing
 from rovtwin.gnc.safety.supervisor import Supervisor
 from rovtwin.runs.compose.sensors import displaced
@@ -76,7 +76,14 @@ def experiment_of(scenario: Scenario, model: Model, vehicle: Vehicle, sensors: d
     # A test has no filter that could hold station or come home: whatever ends it switches the thrusters off.
     rules = rules_of(scenario, model, sensors, THESIS_RULES).only_stop()
     springs = SPRING * np.asarray(HoldingGains.of(model).stiffness)
-    return Experiment.of(model, _timeline(pieces, springs), Supervisor(rules), displaced(sensors))
+    return Experiment.of(model, _timeline(pieces, springs), Supervisor(rules), displaced(sensors), _home(scenario))
+
+
+def _home(scenario: Scenario) -> Array | None:
+    """Pose that the test comes home to where that is not where it starts, shape (6,)."""
+    if scenario.test is None or not scenario.test.home_at_start:
+        return None
+    return as_array([*scenario.start.position, 0.0, 0.0, scenario.heading])
 
 
 def hand_of(scenario: Scenario) -> AttitudeRestraint | None:

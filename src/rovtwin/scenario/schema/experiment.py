@@ -111,6 +111,11 @@ class ExperimentSection(Strict):
         description="the vehicle whose times and axes it has; another one flies it in times of its own, without what "
         "it cannot do. None: flown as it stands, and refused where the vehicle cannot do it",
     )
+    home_at_start: bool = Field(
+        default=False,
+        description="home is the scenario's start (position, heading), not where the vehicle happens to be: over a "
+        "link it floats somewhere else. Let the first manoeuvre be a rest with time to get there",
+    )
     notes: list[str] = Field(default=[], description="what was changed for the vehicle that flies it")
 
     @model_validator(mode="after")

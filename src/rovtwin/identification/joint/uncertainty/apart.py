@@ -32,12 +32,14 @@ class Apart:
         theta: Shape (K, n).
         std: Standard deviation of each with the prior, shape (K, n).
         difference_std: Of the difference of two, shape (K, K, n).
+        difference_covariance: Of that, shape (K, K, n, n); None where only the widths are known.
     """
 
     names: tuple[str, ...]
     theta: np.ndarray
     std: np.ndarray
     difference_std: np.ndarray
+    difference_covariance: np.ndarray | None = None
 
     def gaps(self) -> np.ndarray:
         """Differences of two over their widths, shape (K, K, n)."""
@@ -99,10 +101,11 @@ def _each_alone(
     steps = -np.einsum("kab,kb->ka", C, slope.sum(axis=0) - slope)
     about_own = slopes - np.einsum("sab,sb->sa", information, steps[log])
     wider = spread(about_own, information, A, divisions)[:n]
-    noise_only = np.einsum("kab,kbc,kca->ka", C, own, C)[:, :n]
+    noise_only = (C @ own @ C)[:, :n, :n]
     lent = C[:, None] - C[None]  # how differently two logs lean on the prior that they share
-    leaning = np.einsum("klab,bc,klca->kla", lent, prior, lent)[:, :, :n]
-    variance = noise_only[:, None] + noise_only[None] + np.maximum(leaning, 0.0)
+    leaning = (lent @ prior @ np.swapaxes(lent, -1, -2))[:, :, :n, :n]
+    covariance = (noise_only[:, None] + noise_only[None] + leaning) * np.sqrt(np.outer(wider, wider))
     reach = _FARTHEST * problem.width
     std = np.sqrt(np.minimum(np.diagonal(C, axis1=1, axis2=2)[:, :n] * wider, problem.width**2))
-    return Apart(names, theta + np.clip(steps[:, :n], -reach, reach), std, np.sqrt(variance * wider))
+    difference_std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=2, axis2=3), 0.0))
+    return Apart(names, theta + np.clip(steps[:, :n], -reach, reach), std, difference_std, covariance)

@@ -1,0 +1,138 @@
+"""Identify: parameters with covariance from all that was flown, whether the tests repeat, the uncertainty budget."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rovtwin.commission.evidence.budget import budget
+from rovtwin.commission.evidence.estimated import estimated, written
+from rovtwin.commission.evidence.forces import COVERAGE, Quantity, damping_forces, pushed, thrust_forces
+from rovtwin.commission.evidence.logs import logs_of, read_logs
+from rovtwin.commission.evidence.repeats import about, repeats
+from rovtwin.commission.stage import Check, Outcome
+from rovtwin.commission.work import Work
+from rovtwin.identification.identify import Identification
+from rovtwin.report.identification.html import write_identification_report
+
+FILE, RESULT, DOUBTFUL, REPORT = "identified.yaml", "identified.nc", "identified.doubtful.nc", "identified"
+SCALE = "no pull on a scale: forces, masses and drag are known only up to a common factor, as well as the thrust curve"
+HELP = (  # what a doubt begins with or holds, and what would help
+    ("the fitted tests last", "Fly more: --stage excite."),
+    ("has not settled", "Fly more: --stage excite --minutes 25."),
+    (
+        "the model misses",
+        "See the residuals in the report: a tether, a current or a sensor's noise in the vehicle file?",
+    ),
+    ("its prior", "Identify that vehicle again, or begin anew without --prior."),
+)
+
+
+def run(work: Work) -> Outcome:
+    """Estimate from all parts, and write the vehicle file, the result and its report."""
+    flown = read_logs(work.vehicle, logs_of(work.dossier), work.folder)
+    checks = [one for one in flown.checks if one.verdict != "ok"]
+    if not flown.records:
+        fix = "Fly some first: --stage excite."
+        return Outcome((*checks, Check("stop", "tests", "found no log of the vehicle as it is described now.", fix)))
+    if any(one.verdict == "stop" for one in checks):
+        return Outcome(tuple(checks))
+    anchors = list(work.dossier.measured("scale").get("anchors", []))
+    result = estimated(work, flown.records, anchors)
+    work.person.progress("writing the report")
+    files = _files(work, result)
+    forces = damping_forces(result)
+    repeated = repeats(result, forces)
+    checks += [*_about(result, bool(anchors)), *_known(work, result, forces), *about(repeated)]
+    measured = {
+        "result_file": files["result_file"],
+        "report_file": files["report_file"],
+        "parameters": _parameters(result),
+        "damping": [_force(one, result) for one in forces],
+        "repeatability": repeated,
+        "budget": budget(result, [*forces, *thrust_forces(result)], anchors),
+        "doubts": list(result.doubts),
+        "minutes": flown.minutes,
+    } | ({} if result.doubts else {"vehicle_file": FILE})
+    return Outcome(tuple(checks), measured, tuple(files.values()), skipped="" if anchors else SCALE)
+
+
+def _files(work: Work, result: Identification) -> dict[str, str]:
+    """Names of what is written; a vehicle file only of a result that can be relied on."""
+    name = DOUBTFUL if result.doubts else RESULT
+    result.save(work.folder / name, overwrite=True)
+    page = write_identification_report(result, work.folder / REPORT)
+    files = {"result_file": name, "report_file": str(page.relative_to(work.folder))}
+    if not result.doubts:
+        written(work, result, FILE)
+        files["vehicle_file"] = FILE
+    return files
+
+
+def _about(result: Identification, pulled: bool) -> Iterator[Check]:
+    """Doubts stop, contradictions warn, remarks are noted."""
+    for doubt in result.doubts:
+        yield Check("stop", "estimate", f"not to be relied on: {doubt}.", _help(doubt))
+    count = result.verdicts.count("learnt")
+    scale = result.up_to_scale
+    yield Check(
+        "ok" if pulled or not scale else "note",
+        "parameters",
+        f"{count} of {len(result.verdicts)} learnt from {len(result.records)} tests{scale}",
+    )
+    for p, word in zip(result.parameters.free, result.verdicts, strict=True):
+        if word == "contradicted":
+            low, high = result.interval(p.name)
+            found = f"{result.values[p.name]:.3g} {p.unit} ({low:.3g} to {high:.3g})"
+            text = f"contradicted: {found}, the file says {p.base:.3g} {p.unit}; or parts disagree."
+            yield Check(
+                "warning", p.name, text, "Is the file right (payload, ballast, water)? See the report's findings."
+            )
+    for line in result.findings:
+        yield Check("note", "remark", f"{line}")
+
+
+def _known(work: Work, result: Identification, forces: Sequence[Quantity]) -> Iterator[Check]:
+    """How well damping is known on each axis, against what was asked for."""
+    goal = work.request.interval
+    for axis in pushed(result.model()):
+        own = [one for one in forces if one.axis == axis]
+        if not own:
+            yield Check(
+                "warning", f"damping in {axis}", "not tested: it stays as predicted", "Fly more: --stage excite."
+            )
+            continue
+        widest = max(own, key=lambda one: one.share(result.covariance))
+        share = widest.share(result.covariance)
+        found = f"{abs(widest.value):.3g} {widest.unit} ±{100 * share:.2g} % (k = {COVERAGE:g}) at {widest.at:+.2g}"
+        text = f"{found}, asked for were ±{100 * goal:.2g} %"
+        yield Check("ok" if share <= goal else "note", f"damping in {axis}", text)
+
+
+def _help(doubt: str) -> str:
+    return next((fix for words, fix in HELP if words in doubt), "See the report, and fly more: --stage excite.")
+
+
+def _parameters(result: Identification) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "value": result.values[p.name],
+            "interval_95": list(result.interval(p.name)),
+            "verdict": verdict,
+        }
+        for p, verdict in zip(result.parameters.free, result.verdicts, strict=True)
+    ]
+
+
+def _force(one: Quantity, result: Identification) -> dict[str, Any]:
+    return {
+        "axis": one.axis,
+        "speed": one.at,
+        "force": one.value,
+        "unit": one.unit,
+        "half_width_share": one.share(result.covariance),
+        "interval_95": [
+            one.value - COVERAGE * one.std(result.covariance),
+            one.value + COVERAGE * one.std(result.covariance),
+        ],
+    }

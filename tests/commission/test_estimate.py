@@ -1,0 +1,89 @@
+"""The page of the estimate: what stops, what warns, what is written."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from tests.commission.people import Scripted
+
+from rovtwin.commission import estimate
+from rovtwin.commission.dossier import Dossier
+from rovtwin.commission.request import Request
+from rovtwin.commission.stage import Stage
+from rovtwin.commission.work import Work
+from rovtwin.identification.identify import identify
+from rovtwin.vehicle import load_vehicle
+
+STAGE = Stage("identify", "Identify", "", "", False, estimate.run)
+
+
+@pytest.fixture
+def work(tmp_path):
+    dossier = Dossier.begin(tmp_path / "commissioned", Request("double_blueye", "twin://"))
+    return Work(dossier, dossier.next_attempt(1, STAGE).folder, Scripted())
+
+
+@pytest.fixture(scope="module")
+def predicted():
+    """Of the parts alone: a result without tests."""
+    return identify(load_vehicle("double_blueye"), ())
+
+
+def shown(result, **more):
+    """The same with other verdicts or doubts."""
+    names = ("vehicle", "parameters", "verdicts", "doubts", "findings", "records", "values", "interval", "theta")
+    data = {
+        name: getattr(result, name) for name in (*names, "covariance", "tested", "model", "up_to_scale", "solution")
+    }
+    return SimpleNamespace(**data | more)
+
+
+def test_without_a_log_there_is_nothing_to_estimate(work):
+    outcome = estimate.run(work)
+    assert not outcome.go and "found no log" in outcome.reasons[0] and "--stage excite" in outcome.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("doubt", "fix"),
+    [
+        ("the estimate has not settled, so no width means anything", "--minutes"),
+        ("the fitted tests last 4.0 s in all, expected at least 10 s", "--stage excite"),
+        ("the model misses gyro.p by more than 5 times the declared noise", "residuals"),
+        ("its prior old.yaml: has not converged", "without --prior"),
+    ],
+)
+def test_a_doubt_stops_and_says_what_would_help(predicted, doubt, fix):
+    checks = list(estimate._about(shown(predicted, doubts=[doubt]), True))
+    assert checks[0].verdict == "stop" and doubt in checks[0].text and fix in checks[0].fix
+
+
+def test_contradictions_warn_with_both_values(predicted):
+    verdicts = ["contradicted", *predicted.verdicts[1:]]
+    checks = list(estimate._about(shown(predicted, verdicts=verdicts, findings=["one remark"]), True))
+    (warning,) = [check for check in checks if check.verdict == "warning"]
+    p = predicted.parameters.free[0]
+    assert warning.what == p.name and f"{p.base:.3g}" in warning.text and " to " in warning.text
+    assert ("note", "one remark") in [(check.verdict, check.text) for check in checks]
+
+
+def test_axes_are_held_against_what_was_asked_for(work, predicted):
+    tested = {"surge": (-0.4, 0.5), "sway": (-0.2, 0.2), "heave": (-0.2, 0.2)}
+    result = shown(predicted, tested=tested)
+    forces = estimate.damping_forces(result)
+    checks = {check.what: check for check in estimate._known(work, result, forces)}
+    assert checks["damping in yaw"].verdict == "warning" and "not tested" in checks["damping in yaw"].text
+    assert checks["damping in surge"].verdict == "note" and "±5 %" in checks["damping in surge"].text
+    narrow = shown(predicted, tested=tested, covariance=1e-6 * predicted.covariance)
+    checks = {check.what: check.verdict for check in estimate._known(work, narrow, forces)}
+    assert checks["damping in surge"] == "ok"
+
+
+def test_a_result_in_doubt_leaves_no_vehicle_file(work, predicted, monkeypatch):
+    monkeypatch.setattr(estimate, "write_identification_report", lambda result, folder: folder / "report.html")
+    kept = []
+    result = shown(predicted, doubts=["not settled"], save=lambda path, overwrite: kept.append(Path(path).name))
+    assert set(estimate._files(work, result)) == {"result_file", "report_file"} and kept == ["identified.doubtful.nc"]
+    assert not (work.folder / "identified.yaml").exists()
+    result = shown(predicted, doubts=[], save=lambda path, overwrite: kept.append(Path(path).name), file=predicted.file)
+    assert estimate._files(work, result)["vehicle_file"] == "identified.yaml"
+    assert load_vehicle(str(work.folder / "identified.yaml")).file.identified is not None
