@@ -1,4 +1,4 @@
-"""A tank with a twin in it whose truth is not the vehicle file's, for tests of commissioning; no clock is waited for."""
+"""A tank with a twin in it whose truth is not the vehicle file's, for tests of commissioning: no clock runs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

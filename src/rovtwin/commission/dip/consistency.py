@@ -33,9 +33,11 @@ def compared(record: Record) -> Iterator[Check]:
 
 
 def _leaky(rate: np.ndarray) -> np.ndarray:
-    """What rates add up to, forgetting with MEMORY."""
+    """What rates add up to, forgetting with MEMORY; errors that stay and what comes before it has settled are left out."""
     keep = np.exp(-STEP / MEMORY)
-    return np.asarray(lfilter([STEP], [1.0, -keep], np.nan_to_num(rate), axis=0))
+    rate = np.nan_to_num(rate)
+    way = np.asarray(lfilter([STEP], [1.0, -keep], rate - np.mean(rate, axis=0), axis=0))[round(MEMORY / STEP) :]
+    return np.asarray(way - way.mean(axis=0))
 
 
 def _depth(motion: Motion, down: np.ndarray) -> Iterator[Check]:
@@ -48,7 +50,7 @@ def _depth(motion: Motion, down: np.ndarray) -> Iterator[Check]:
     if moved < MOVED or abs(likeness) < TELLS:
         yield Check("note", "pressure", "pushes moved it too little up and down to judge depth by the accelerometer")
         return
-    scale = float(a @ b / (a @ a))
+    scale = float(np.copysign(b.std() / a.std(), likeness))  # both are noisy
     if scale < 0.0:
         yield Check("stop", "pressure", "depth falls when it goes down.", "Turn its sign, or write `frame: up`.")
     elif not SCALE[0] <= scale <= SCALE[1]:

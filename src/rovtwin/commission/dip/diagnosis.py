@@ -209,7 +209,9 @@ class _Compared:
             return Verdict(name, "reversed", length, own)
         if own > ALIKE:
             gain = float(self.gain[i])
-            return Verdict(name, "weak" if gain < WEAK else "strong" if gain > STRONG else "ok", gain, own)
+            sure = abs(gain - 1.0) > SEEN * float(self.unsure[i])
+            what = "weak" if sure and gain < WEAK else "strong" if sure and gain > STRONG else "ok"
+            return Verdict(name, what, gain, own)
         return Verdict(name, "rotated", length, own, direction=self._direction(i))
 
     def _swapped_with(self, i: int) -> int | None:
