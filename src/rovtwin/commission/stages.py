@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from rovtwin.commission import bench, certificate, paper
+from rovtwin.commission import bench, certificate, paper, predict, prove
 from rovtwin.commission.stage import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -27,5 +27,21 @@ STAGES: tuple[Stage, ...] = (
         "Sign the certificate, keep the bundle, and check later dives against it with `rovtwin watch`.",
         False,
         lambda work: certificate.run(work, STAGES[:-1]),
+    ),
+    Stage(
+        "prove",
+        "Prove on the twin",
+        "in which currents and seas missions succeed, whatever the tests left open of the vehicle",
+        "Put the vehicle into the tank, clear of walls, ready to be flown.",
+        False,
+        prove.run,
+    ),
+    Stage(
+        "predict",
+        "Predict, then fly",
+        "whether a flight of four corners is as the twin predicted it, written down before",
+        "Print the certificate and keep the folder.",
+        True,
+        predict.run,
     ),
 )
