@@ -1,51 +1,35 @@
 """Predict, then fly: four corners in the tank with bands, written down before the flight; the flight against them."""
 
-import csv
-import io
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rovtwin.campaign.tuning.plants import plants_of
-from rovtwin.commission.proving.bands import (
-    AXES,
-    DRAWS,
-    UNITS,
-    Band,
-    Held,
-    Track,
-    band_of,
-    held,
-    track_of,
-    track_of_flown,
-)
-from rovtwin.commission.proving.flights import drawn, fly_all
+from rovtwin.commission.proving.bands import DRAWS, Held, Track, held, track_of
+from rovtwin.commission.proving.efforts import Foreseen, agrees, effort
+from rovtwin.commission.proving.flights import drawn
 from rovtwin.commission.proving.missions import in_tank
+from rovtwin.commission.proving.prediction import BANDS, LABELS, Prediction, predicted
 from rovtwin.commission.proving.tuned import autopilot_of
 from rovtwin.commission.request import sha256
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.datum import utc_now
-from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
-from rovtwin.core.user_files.files import write_text
 from rovtwin.live.flight import fly_live
-from rovtwin.planning.tank import Tank
-from rovtwin.report.parts.page import save
-from rovtwin.report.studies.prediction import prediction_figure
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.fly import Flight
-from rovtwin.runs.scoring.scores import Flown, finished
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
+from rovtwin.vehicle.constants import AXES
 
 STREAM = 82  # of random numbers: no flight here is one of the proof
-CLEAR = 0.1  # least distance from the walls of the hull's circle in a drawn flight, in metres
-PREDICTION, FLIGHT = "prediction.csv", "flight"
-LABELS = tuple(zip(AXES, UNITS, strict=True))
+CLEAR = 0.1  # least distance of the hull from the walls in a drawn flight [m]
+COMING = 30.0  # until the first corner is left [s]
+FLIGHT = "flight"
+UNTRUE = "The model does not predict this flight: look for what has changed, then repeat excite and identify."
 
 
 def run(work: Work) -> Outcome:
@@ -56,80 +40,64 @@ def run(work: Work) -> Outcome:
         return Outcome((Check("stop", "model", text, "Pass the stage identify first."),))
     vehicle = load_vehicle(str(path))
     scenario = work.scenario(in_tank(vehicle, work.request.room) | autopilot_of(work), str(path))
-    band, checks, figures = _predicted(work, scenario, vehicle)
-    if band is None or any(check.verdict == "stop" for check in checks):
+    made, checks, figures = _predicted(work, scenario, vehicle)
+    if made is None or any(check.verdict == "stop" for check in checks):
         return Outcome(tuple(checks), figures)
-    _write(work.folder / PREDICTION, band)
-    figures |= {"prediction_file": PREDICTION, "predicted_utc": utc_now(), "sha256": sha256(work.folder / PREDICTION)}
-    save(_figure(band, None, ()), work.folder, "prediction")
-    files = [PREDICTION, "figures/prediction.png", "figures/prediction.svg"]
-    checks.append(Check("ok", "written down", f"{PREDICTION}, SHA-256 {figures['sha256'][:16]}.., before the flight"))
-    flight, notes = _flown(work, scenario, band)
+    files = made.write(work.folder)
+    sums = {name: sha256(work.folder / name) for name in files[:2]}
+    figures |= {"prediction_file": BANDS, "predicted_utc": utc_now(), "sha256": sums}
+    checks.append(Check("ok", "written down", f"before the flight: {BANDS}, SHA-256 {sums[BANDS][:16]}.."))
+    flight, notes = _flown(work, scenario, float(made.band.t[-1]) + COMING)
     checks += notes
     if flight is None:
         return Outcome(tuple(checks), figures, tuple(files))
     log = f"{FLIGHT}/log.mcap"
-    judged, more = _judged(work, band, flight)
+    judged, more = _judged(work, made, flight)
     seconds = float(flight.log.end - flight.log.start)
     return Outcome((*checks, *judged), figures | more | {"log": log}, (*files, log), seconds)
 
 
-def _predicted(work: Work, scenario: Scenario, vehicle: Vehicle) -> tuple[Band | None, list[Check], dict[str, Any]]:
-    """The band of flights of drawn vehicles, and whether they all end well."""
+def _predicted(
+    work: Work, scenario: Scenario, vehicle: Vehicle
+) -> tuple[Prediction | None, list[Check], dict[str, Any]]:
+    """What drawn vehicles do, and whether they all do it well."""
     work.person.progress("predicting: drawing vehicles")
     plants, began = plants_of(scenario), time.monotonic()
     base = compose(scenario, vehicle=vehicle)
     runs = [drawn(base, plants, (work.request.seed, STREAM, i)) for i in range(DRAWS)]
-    flown = fly_all(runs, lambda share: work.person.progress(f"predicting: {DRAWS} flights of the twin", share))
+    text = f"predicting: {DRAWS} flights of the twin"
+    made, why = predicted(runs, work.request.room, lambda share: work.person.progress(text, share))
     wall = time.monotonic() - began
-    tracks = [track_of_flown(one) for one in flown]
-    came = [track for track, one in zip(tracks, flown, strict=True) if track is not None and finished(one)]
-    figures = {
+    figures: dict[str, Any] = {
         "draws": DRAWS,
         "drawn_from": plants.description,
-        "prediction_wall_s": wall,
+        "wall_s": wall,
         "missions_per_min": 60.0 * DRAWS / wall,
     }
-    if len(came) < DRAWS:
-        text = f"{DRAWS - len(came)} of {DRAWS} drawn vehicles do not complete it in the twin, expected none."
-        return None, [Check("stop", "mission", text, "Test more, or use a larger tank.")], figures
-    band = band_of(came)
-    room = min(_room(one, vehicle, work.request.room) for one in flown)
-    figures |= {"room_m": room, "level": band.level, "half_width": _half_widths(band)}
-    widths = ", ".join(f"{axis} {figures['half_width'][axis]:.2g} {unit}" for axis, unit in LABELS)
-    text = f"{DRAWS} flights of vehicles drawn from {plants.description}; half of the band's width: {widths}"
-    return band, [Check("ok", "prediction", text), _clear(room)], figures
+    if made is None:
+        return None, [Check("stop", "mission", line, "Test more, or use a larger tank.") for line in why], figures
+    figures |= {"room_m": made.room, "level": made.band.level, "half_width": made.half_widths}
+    widths = ", ".join(f"{axis} {made.half_widths[axis]:.2g} {unit}" for axis, unit in LABELS)
+    text = f"{DRAWS} flights of vehicles drawn from {plants.description}; half of the 95 % band's width: {widths}"
+    return made, [Check("ok", "prediction", text), _clear(made.room)], figures
 
 
 def _clear(room: float) -> Check:
-    text = f"drawn flights stay {room:.2f} m or more off the walls (hull turned any way)"
+    text = f"drawn flights stay {room:.2f} m or more off the walls, the hull turned any way"
     if room < CLEAR:
-        return Check("stop", "room", f"{text}, expected {CLEAR:g} m.", "Use a larger tank, or test more.")
+        return Check("stop", "room", f"{text}; expected {CLEAR:g} m.", "Use a larger tank, or test more.")
     return Check("ok", "room", text)
 
 
-def _room(flown: Flown, vehicle: Vehicle, tank: Tank) -> float:
-    """Least distance of the circle about the hull from the tank's walls on a true path [m]."""
-    around = float(np.hypot(*np.asarray(vehicle.model().hull.corners)[:, :2].T).max())
-    away = np.abs(flown.eta[:, :2] - np.array(tank.middle[:2]))
-    return float((0.5 * np.array(tank.sizes[:2]) - away).min() - around)
-
-
-def _half_widths(band: Band) -> dict[str, float]:
-    widths = 0.5 * np.median(band.high - band.low, axis=0)
-    return dict(zip(AXES, (float(one) for one in widths), strict=True))
-
-
-def _flown(work: Work, scenario: Scenario, band: Band) -> tuple[Flight | None, list[Check]]:
+def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | None, list[Check]]:
     """The flight over the link once the person says yes; None without."""
     notes: list[Check] = []
-    asked = f"Fly the four corners now? Thrusters will turn for about {band.t[-1] + 30.0:.0f} s; keep hands away."
 
     def arm(readiness: Any) -> bool:
         if readiness.missing:
             text = f"no readings of {', '.join(readiness.missing)}: predicted with them, flown without."
             notes.append(Check("warning", "sensors", text, "Take them out of the vehicle's file, or mend them."))
-        return work.may_move(asked)
+        return work.may_move(f"Fly the four corners now? Thrusters will turn for about {lasting:.0f} s; hands away.")
 
     with work.connected(scenario) as there:
         flight = fly_live(
@@ -139,7 +107,7 @@ def _flown(work: Work, scenario: Scenario, band: Band) -> tuple[Flight | None, l
             there.clock,
             work.folder / FLIGHT,
             arm=arm,
-            progress=lambda t, phase: work.person.progress(f"flying: {phase}", min(t / (band.t[-1] + 30.0), 1.0)),
+            progress=lambda t, phase: work.person.progress(f"flying: {phase}", min(t / lasting, 1.0)),
             say=work.person.progress,
             warn=work.person.say,
         )
@@ -149,10 +117,9 @@ def _flown(work: Work, scenario: Scenario, band: Band) -> tuple[Flight | None, l
     return flight, notes
 
 
-def _judged(work: Work, band: Band, flight: Flight) -> tuple[list[Check], dict[str, Any]]:
-    """Each axis against its band, with a figure."""
-    track = _track_of_log(flight.log)
-    completed = bool(flight.summary["completed"])
+def _judged(work: Work, made: Prediction, flight: Flight) -> tuple[list[Check], dict[str, Any]]:
+    """Each axis of path and effort against its band, with the figure."""
+    track, completed = _track_of_log(flight.log), bool(flight.summary["completed"])
     checks: list[Check] = []
     if not completed:
         reason = flight.summary["reason"] or "not finished"
@@ -160,31 +127,63 @@ def _judged(work: Work, band: Band, flight: Flight) -> tuple[list[Check], dict[s
         checks.append(Check("stop", "flight", f"the mission was not completed: {reason}.", fix))
     if track is None:
         return checks, {"completed": completed}
-    rows = held(band, track)
-    checks += list(_axes(rows))
-    save(_figure(band, track, [f"{100 * one.inside:.1f} % inside" for one in rows]), work.folder, "prediction")
+    rows = held(made.band, track)
+    efforts = _efforts(made, flight.log, track)
+    checks += [*(_path(one) for one in rows), *(_effort(*one) for one in efforts)]
+    made.draw(work.folder, track, [f"{100.0 * one.inside:.1f} % inside" for one in rows])
+    agreed = all(one.agrees for one in rows) and all(agrees(one, flown, n) for one, flown, n in efforts)
     figures = {
         "completed": completed,
         "inside": {one.axis: one.inside for one in rows},
-        "verdict": "inside" if all(one.agrees for one in rows) else "outside",
+        "inside_all": float(np.mean([one.inside for one in rows])),
+        "verdict": "inside" if agreed else "outside",
         "axes": [_row(one) for one in rows],
+        "effort": list(_effort_rows(efforts)),
         "time_zero_s": track.began,
     }
     return checks, figures
 
 
-def _axes(rows: list[Held]) -> Iterator[Check]:
-    for one in rows:
-        low, high = one.usual
-        text = (
-            f"{100 * one.inside:.1f} % of {one.samples} samples inside the 95 % band; drawn flights have "
-            f"{100 * low:.0f} to {100 * high:.0f} % (correlated: as good as {one.effective:.0f} independent ones)"
-        )
-        if one.agrees:
-            yield Check("ok", one.axis, text)
-        else:
-            fix = "The model does not predict this flight: repeat excite and identify, and look for what has changed."
-            yield Check("stop", one.axis, f"{text}; up to {one.outside_by:.1f} half-widths beyond it.", fix)
+def _path(one: Held) -> Check:
+    low, high = (100.0 * share for share in one.usual)
+    text = (
+        f"{100.0 * one.inside:.1f} % of {one.samples} samples inside the 95 % band; drawn flights have {low:.0f} to "
+        f"{high:.0f} % (correlated: as good as {one.effective:.0f} independent ones)"
+    )
+    if one.agrees:
+        return Check("ok", one.axis, text)
+    return Check("stop", one.axis, f"{text}; up to {one.outside_by:.1f} half-widths beyond it.", UNTRUE)
+
+
+def _efforts(made: Prediction, log: Log, track: Track) -> list[tuple[Foreseen, float, int]]:
+    """What was foreseen of each axis, what was flown, and how many axes there are."""
+    nu, tau = log["autopilot/nu"], log["autopilot/tau"]
+    end = track.began + float(made.band.t[-1])
+    during = (nu.t >= track.began - 1e-6) & (nu.t <= end + 1e-6)
+    wrench = np.column_stack([np.interp(nu.t[during], tau.t, tau[name]) for name in tau.channel.fields])
+    flown = effort(np.column_stack([nu[name][during] for name in nu.channel.fields]), wrench)
+    return [(one, float(flown[AXES.index(one.axis)]), len(made.efforts)) for one in made.efforts]
+
+
+def _effort(one: Foreseen, flown: float, axes: int) -> Check:
+    low, high = (100.0 * (ratio - 1.0) for ratio in one.ratio())
+    text = (
+        f"it takes {100.0 * (flown / one.middle - 1.0):+.0f} % against the prediction, whose 95 % band is {low:+.0f} "
+        f"to {high:+.0f} %"
+    )
+    name = f"effort, {one.axis}"
+    return Check("ok", name, text) if agrees(one, flown, axes) else Check("stop", name, f"{text}.", UNTRUE)
+
+
+def _effort_rows(efforts: list[tuple[Foreseen, float, int]]) -> Iterator[dict[str, Any]]:
+    for one, flown, axes in efforts:
+        yield {
+            "axis": one.axis,
+            "ratio": flown / one.middle,
+            "interval_95": list(one.ratio()),
+            "chance": one.chance(flown),
+            "verdict": "inside" if agrees(one, flown, axes) else "outside",
+        }
 
 
 def _row(one: Held) -> dict[str, Any]:
@@ -202,32 +201,5 @@ def _row(one: Held) -> dict[str, Any]:
 
 def _track_of_log(log: Log) -> Track | None:
     eta, mode = log["autopilot/eta"], log["autopilot/mode"]
-    pose = np.column_stack([eta[name] for name in ("x", "y", "z", "phi", "theta", "psi")])
+    pose = np.column_stack([eta[name] for name in eta.channel.fields])
     return track_of(eta.t, pose, np.interp(eta.t, mode.t, mode["waypoint"]))
-
-
-def _figure(band: Band, track: Track | None, captions: Any) -> Any:
-    flown = None if track is None else (track.t, _same_turn(track.pose, band))
-    return prediction_figure(band.t, band.low, band.high, band.middle, flown, LABELS, captions or [""] * len(AXES))
-
-
-def _same_turn(pose: np.ndarray, band: Band) -> np.ndarray:
-    """Heading by whole turns as the band has it."""
-    pose = pose.copy()
-    pose[:, 3] += 360.0 * np.round((band.middle[0, 3] - pose[0, 3]) / 360.0)
-    return pose
-
-
-def _write(path: Path, band: Band) -> None:
-    """The band as a table: its lower end, its upper end and its median for each axis."""
-    text = io.StringIO()
-    writer = csv.writer(text)
-    names = [f"{axis}_{what}_{unit}" for axis, unit in LABELS for what in ("low", "high", "median")]
-    writer.writerow(["t_s", *names])
-    for i, t in enumerate(band.t):
-        rows = np.column_stack([band.low[i], band.high[i], band.middle[i]]).ravel()
-        writer.writerow([f"{t:.1f}", *(f"{value:.4f}" for value in rows)])
-    try:
-        write_text(path, text.getvalue())
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from None

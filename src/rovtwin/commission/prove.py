@@ -29,6 +29,8 @@ from rovtwin.vehicle import load_vehicle
 ASKED = 0.99  # share of missions that shall succeed
 STREAM = 81  # of random numbers: no mission here is one of the prediction
 MISSIONS = "missions.csv"
+FAR = 1e4  # walls and floor of open water [m]: so that the program of the flight in the tank flies here, too
+OPEN: dict[str, Any] = {"floor": FAR, "tank": {"north": [-FAR, FAR], "east": [-FAR, FAR]}}
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def run(work: Work) -> Outcome:
         text = "no identified file of this commissioning: nothing says how sure the model is."
         return Outcome((Check("stop", "model", text, "Pass the stage identify first."),))
     vehicle = load_vehicle(str(path))
-    scenario = work.scenario({"world": {}} | open_water(vehicle.model()), str(path))
+    scenario = work.scenario({"world": OPEN} | open_water(vehicle.model()), str(path))
     scenario, tuning, figures = tuned(work, scenario)
     plants = plants_of(scenario)
     work.person.progress("proving: composing")
@@ -130,7 +132,7 @@ def _world(seed: int, cell: int, mission: int, place: tuple[float, float]) -> di
     height, speed = place
     to, waves_to = np.random.default_rng([seed, STREAM, cell, mission, 1]).uniform(-np.pi, np.pi, 2)
     velocity = [float(speed * np.cos(to)), float(speed * np.sin(to)), 0.0]
-    return {"current": {"velocity": velocity}, "waves": sea(height, float(np.degrees(waves_to)))}
+    return OPEN | {"current": {"velocity": velocity}, "waves": sea(height, float(np.degrees(waves_to)))}
 
 
 def _ended(flown: Flown, run: Simulation) -> str:
