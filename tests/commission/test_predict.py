@@ -10,6 +10,8 @@ from tests.commission.proving.dossiers import Asked, identified_so_far, work_on
 
 from rovtwin.commission import predict, prove
 from rovtwin.commission.proving import prediction
+from rovtwin.commission.proving.bands import Held
+from rovtwin.commission.proving.efforts import Foreseen
 from rovtwin.commission.request import sha256
 from rovtwin.live import connect
 from rovtwin.runs.compose.composition import compose
@@ -43,7 +45,6 @@ def flown_once(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.system
 def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
     person = Asked()
     dossier = identified_so_far(tmp_path / "c", identified_vehicle(tmp_path / "identified.yaml"))
@@ -75,3 +76,18 @@ def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
     assert not other.go and other.measured["verdict"] == "outside"
     wrong = {row["axis"]: row["ratio"] for row in other.measured["effort"] if row["verdict"] == "outside"}
     assert wrong and all(ratio > 1.1 for ratio in wrong.values())
+
+
+def test_a_page_says_how_many_samples_there_are_and_how_many_count():
+    good = Held("north", 0.93, 760, 19.4, (0.8, 1.0), 0.3, 0.4)
+    line = predict._path(good)
+    assert line.verdict == "ok" and "93.0 % of 760 samples" in line.text and "as good as 19 independent" in line.text
+    bad = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 15.0))
+    assert bad.verdict == "stop" and "15.0 half-widths" in bad.text and bad.fix
+
+
+def test_a_page_says_how_far_the_effort_is_off():
+    one = Foreseen("heave", np.log(165.0), 0.027, 79)
+    assert predict._effort(one, 168.0, 4).verdict == "ok"
+    line = predict._effort(one, 1.4 * 165.0, 4)
+    assert line.verdict == "stop" and "+40 %" in line.text and "-5 to +6 %" in line.text
