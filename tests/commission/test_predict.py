@@ -50,6 +50,7 @@ def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
     dossier = identified_so_far(tmp_path / "c", identified_vehicle(tmp_path / "identified.yaml"))
     proven = prove.run(work_on(dossier, "prove", person))
     assert proven.go, proven.reasons
+    dossier.end(dossier.attempts("prove")[-1], proven)
     rows = proven.measured["envelope"]
     assert [(row["current_m_s"], row["missions"], row["succeeded"]) for row in rows] == [(0.0, 3, 3), (0.1, 3, 3)]
     assert rows[0]["interval_95"][0] == pytest.approx(0.025 ** (1 / 3))

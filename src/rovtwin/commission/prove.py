@@ -95,7 +95,6 @@ def run(work: Work) -> Outcome:
         "asked_share": ASKED,
         "missions_needed": needed(ASKED),
         "autopilot": tuning.text,
-        "tuned": "autopilot_file" in figures,
         "drawn_from": plants.description,
         "wall_s": wall,
         "missions_per_min": 60.0 * sum(cell.missions for cell in cells) / wall,
@@ -103,8 +102,7 @@ def run(work: Work) -> Outcome:
     }
     checks = [tuning, Check("note", "vehicles", f"drawn from {plants.description}"), *_judged(cells)]
     checks += [*_envelope(cells, limits), Check("note", "computing", _pace(figures))]
-    files = [MISSIONS] + ([figures["autopilot_file"]] if figures["tuned"] else [])
-    return Outcome(tuple(checks), figures, tuple(files))
+    return Outcome(tuple(checks), figures, (MISSIONS, figures["autopilot_file"]))
 
 
 def _flown(work: Work, base: Simulation, plants: Plants) -> tuple[list[Cell], float]:

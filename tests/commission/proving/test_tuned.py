@@ -45,7 +45,7 @@ def test_nobody_asks_for_it(work, monkeypatch):
     monkeypatch.setattr(module, "tune", lambda *_: pytest.fail("it tuned"))
     work.person.no = "Tune"
     made, line, figures = tuned(work, SCENARIO)
-    assert made is SCENARIO and line.verdict == "note" and "not tuned" in line.text and figures == {}
+    assert made is SCENARIO and line.verdict == "note" and "not tuned" in line.text and not figures["tuned"]
 
 
 def test_a_budget_that_is_too_short_is_no_failure(work, monkeypatch):
@@ -64,9 +64,9 @@ def test_only_what_is_better_is_proven_and_flown(work, monkeypatch, better):
     monkeypatch.setattr(module, "write_tuned", write_like_a_tuning)
     made, line, figures = tuned(work, SCENARIO)
     assert made.autopilot.control.damping_ratio == (1.4 if better else 1.0) and line.text.endswith("It is as it is")
-    assert ("autopilot_file" in figures) == better and figures["tuning_wall_s"] == 12.0
+    assert figures["tuned"] == better and figures["tuning_wall_s"] == 12.0
     attempt = work.dossier.attempts("prove")[-1]
     work.dossier.end(attempt, Outcome(measured=figures))
     later = work_on(work.dossier, LAST[-1].name, work.person)
-    section = autopilot_of(later).get("autopilot", {})
-    assert section.get("control") == ({"damping_ratio": 1.4} if better else None)
+    section = parse(ModelBasedSection, autopilot_of(later)["autopilot"], "autopilot.yaml")
+    assert section == (QUICK if better else SCENARIO.autopilot)
