@@ -1,6 +1,8 @@
 """Flights of drawn vehicles: who is drawn, and that results come in order, whatever thread flew them."""
 
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +20,9 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import load_vehicle
 
 
-class Numbered:
-    """Stands for a composed flight."""
-
-    def __init__(self, number):
-        self.number = number
+def numbered(numbers) -> list[Any]:
+    """Stand for composed flights."""
+    return [SimpleNamespace(number=number) for number in numbers]
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def in_threads(monkeypatch):
 
 def test_results_come_in_order_from_portions_of_one_size(in_threads):
     shares = []
-    found = flights.fly_all([Numbered(k) for k in range(2 * LANES + 3)], shares.append)
+    found = flights.fly_all(numbered(range(2 * LANES + 3)), shares.append)
     assert found == list(range(2 * LANES + 3))
     assert set(in_threads) == {LANES} and len(in_threads) == 3
     assert shares[-1] == 1.0 and shares == sorted(shares)
@@ -55,7 +55,7 @@ def test_results_come_in_order_from_portions_of_one_size(in_threads):
 
 def test_what_goes_wrong_in_a_thread_comes_out(in_threads):
     with pytest.raises(RovtwinError, match="no vehicle"):
-        flights.fly_all([Numbered(k if k != LANES + 1 else -1) for k in range(6 * LANES)])
+        flights.fly_all(numbered([*range(LANES), -1, *range(5 * LANES)]))
 
 
 def test_draws_are_vehicles_noise_and_water_of_their_own_for_one_program(tmp_path):

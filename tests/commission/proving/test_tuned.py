@@ -63,7 +63,7 @@ def test_only_what_is_better_is_proven_and_flown(work, monkeypatch, better):
     monkeypatch.setattr(module, "sentences", lambda _: ("It is as it is", []))
     monkeypatch.setattr(module, "write_tuned", write_like_a_tuning)
     made, line, figures = tuned(work, SCENARIO)
-    assert made.autopilot.control.damping_ratio == (1.4 if better else 1.0) and line.text.endswith("It is as it is")
+    assert made.autopilot == (QUICK if better else SCENARIO.autopilot) and line.text.endswith("It is as it is")
     assert figures["tuned"] == better and figures["tuning_wall_s"] == 12.0
     attempt = work.dossier.attempts("prove")[-1]
     work.dossier.end(attempt, Outcome(measured=figures))
