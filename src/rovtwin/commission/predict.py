@@ -10,7 +10,7 @@ from rovtwin.campaign.tuning.plants import plants_of
 from rovtwin.commission.proving.bands import DRAWS, Held, Track, held, track_of
 from rovtwin.commission.proving.efforts import Foreseen, agrees, effort
 from rovtwin.commission.proving.flights import drawn
-from rovtwin.commission.proving.missions import in_tank
+from rovtwin.commission.proving.missions import CLEAR, in_tank, open_water
 from rovtwin.commission.proving.prediction import BANDS, LABELS, Prediction, predicted
 from rovtwin.commission.proving.tuned import autopilot_of
 from rovtwin.commission.request import sha256
@@ -26,7 +26,6 @@ from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.constants import AXES
 
 STREAM = 82  # of random numbers: no flight here is one of the proof
-CLEAR = 0.1  # least distance of the hull from the walls in a drawn flight [m]
 COMING = 30.0  # until the first corner is left [s]
 FLIGHT = "flight"
 UNTRUE = "The model does not predict this flight: look for what has changed, then repeat excite and identify."
@@ -39,7 +38,9 @@ def run(work: Work) -> Outcome:
         text = "no identified file of this commissioning: nothing says how sure the model is."
         return Outcome((Check("stop", "model", text, "Pass the stage identify first."),))
     vehicle = load_vehicle(str(path))
-    scenario = work.scenario(in_tank(vehicle, work.request.room) | autopilot_of(work), str(path))
+    work.person.progress("predicting: sizing the mission")
+    mission = in_tank(vehicle, work.request.room, _accuracy(work, vehicle, str(path)))
+    scenario = work.scenario(mission | autopilot_of(work), str(path))
     made, checks, figures = _predicted(work, scenario, vehicle)
     if made is None or any(check.verdict == "stop" for check in checks):
         return Outcome(tuple(checks), figures)
@@ -55,6 +56,13 @@ def run(work: Work) -> Outcome:
     judged, more = _judged(work, made, flight)
     seconds = float(flight.log.end - flight.log.start)
     return Outcome((*checks, *judged), figures | more | {"log": log}, (*files, log), seconds)
+
+
+def _accuracy(work: Work, vehicle: Vehicle, path: str) -> float:
+    """Standard deviation of the estimated position with the vehicle's sensors, in the worse direction [m]."""
+    anywhere = work.scenario({"world": {}} | open_water(vehicle.model()), path)
+    simulation = compose(anywhere, vehicle=vehicle)
+    return max(simulation.bound(simulation.scenario.waypoints[0].speed))
 
 
 def _predicted(

@@ -14,7 +14,7 @@ from rovtwin.vehicle import load_vehicle
 @pytest.mark.parametrize("name", ["double_blueye", "bluerov2_heavy"])
 def test_the_hull_stays_off_the_walls_whichever_way_it_is_turned(name):
     vehicle, tank = load_vehicle(name), Tank.parse("6x3x1.5")
-    made = in_tank(vehicle, tank)
+    made = in_tank(vehicle, tank, 0.05)
     corners = np.array([point["position"] for point in made["mission"]["waypoints"]])
     hull = np.asarray(vehicle.model().hull.corners)
     around = np.hypot(*hull[:, :2].T).max()
@@ -28,8 +28,16 @@ def test_the_hull_stays_off_the_walls_whichever_way_it_is_turned(name):
 def test_a_tank_without_room_says_which_has():
     vehicle = load_vehicle("double_blueye")
     with pytest.raises(ConfigError, match="no room for four corners") as error:
-        in_tank(vehicle, Tank.parse("1.4x1.3x1.5"))
-    in_tank(vehicle, Tank.parse(str(error.value).split()[-1]))
+        in_tank(vehicle, Tank.parse("1.4x1.3x1.5"), 0.05)
+    in_tank(vehicle, Tank.parse(str(error.value).split()[-1]), 0.05)
+
+
+def test_poor_positions_make_a_smaller_box():
+    vehicle, tank = load_vehicle("double_blueye"), Tank.parse("6x3x1.5")
+    good, poor = (
+        np.array(in_tank(vehicle, tank, sigma)["mission"]["waypoints"][0]["position"]) for sigma in (0.03, 0.16)
+    )
+    assert abs(poor[1]) < abs(good[1]) - 0.3
 
 
 def test_the_square_is_sized_by_the_vehicle():

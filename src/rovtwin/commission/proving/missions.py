@@ -14,6 +14,8 @@ from rovtwin.vehicle import Model, Vehicle
 
 SIDE = 10.0  # of the square, and most of the box, in lengths of the vehicle: 3 m for a Double Blueye
 LEAST = 1.5  # side of a box that is worth a flight, in lengths of the vehicle
+CLEAR = 0.1  # least distance of the hull from the walls, wherever it strays [m]
+STRAYS = 4.0  # off its path at most, in standard deviations of the estimated position: 3.4 in 79 flights of 100 s
 STAY = 10.0  # at the first corner before it is left, and at the last one [s]
 PERIOD = 5.0  # of the peak of a fully developed sea, over the root of its significant height [s/m^0.5]
 
@@ -50,10 +52,16 @@ def sea(height: float, direction_deg: float) -> dict[str, Any] | None:
     }
 
 
-def in_tank(vehicle: Vehicle, tank: Tank) -> dict[str, Any]:
+def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float) -> dict[str, Any]:
     """Four corners about the tank's middle, two shallow and two deep, as large as the room allows.
 
     It stays at the first corner for 10 s before it goes on, and ends there: so it begins alike wherever it came from.
+    Where positions are poor the vehicle strays, whatever it estimates, and the box is smaller.
+
+    Args:
+        vehicle: That flies.
+        tank: Whose walls it stays off.
+        accuracy: Standard deviation of the estimated position, each axis [m].
 
     Returns:
         `mission` and `duration` of a scenario.
@@ -65,7 +73,7 @@ def in_tank(vehicle: Vehicle, tank: Tank) -> dict[str, Any]:
     limits = Limits.of(model)
     values = own_values(limits)
     away = np.abs(np.asarray(model.hull.corners)).max(axis=0)
-    clear = MARGIN * limits.length + values["acceptance"]
+    clear = CLEAR + max(values["acceptance"], STRAYS * accuracy)
     round_about = float(np.hypot(*np.asarray(model.hull.corners)[:, :2].T).max()) + clear
     upright = float(away[2]) + MARGIN * limits.length
     half = np.minimum(0.5 * np.array(tank.sizes[:2]) - round_about, 0.5 * SIDE * limits.length)
@@ -74,8 +82,8 @@ def in_tank(vehicle: Vehicle, tank: Tank) -> dict[str, Any]:
         need = math.ceil(20.0 * (round_about + least)) / 10.0
         room = Tank(max(tank.length, need), max(tank.width, need), tank.depth)
         raise ConfigError(
-            f"--tank: found {tank}, which leaves {vehicle.name} no room for four corners clear of the walls; expected "
-            f"at least {room}"
+            f"--tank: found {tank}, which leaves {vehicle.name} no room for four corners {clear:.2g} m off the walls "
+            f"(positions are known to {accuracy:.2g} m); expected better positions, or a tank of at least {room}"
         )
     north, east = (round(float(x), 2) for x in half)
     middle = tank.middle[2]
