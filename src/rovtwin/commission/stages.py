@@ -21,14 +21,6 @@ STAGES: tuple[Stage, ...] = (
         bench.run,
     ),
     Stage(
-        "certificate",
-        "Certificate",
-        "all figures on one page, and the evidence in a bundle that another machine can check",
-        "Sign the certificate, keep the bundle, and check later dives against it with `rovtwin watch`.",
-        False,
-        lambda work: certificate.run(work, STAGES[:-1]),
-    ),
-    Stage(
         "prove",
         "Prove on the twin",
         "in which currents and seas missions succeed, whatever the tests left open of the vehicle",
@@ -43,5 +35,13 @@ STAGES: tuple[Stage, ...] = (
         "Print the certificate and keep the folder.",
         True,
         predict.run,
+    ),
+    Stage(
+        "certificate",
+        "Certificate",
+        "all figures on one page, and the evidence in a bundle that another machine can check",
+        "Sign the certificate, keep the bundle, and check later dives against it with `rovtwin watch`.",
+        False,
+        lambda work: certificate.run(work, STAGES[:-1]),
     ),
 )
