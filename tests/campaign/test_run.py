@@ -19,8 +19,9 @@ from rovtwin.campaign.rows import row_of, table_schema
 from rovtwin.campaign.run import Progress, run_campaign
 from rovtwin.campaign.samples import draws, scenario_at
 from rovtwin.campaign.schema import load_campaign
+from rovtwin.campaign.shares import share_interval
 from rovtwin.campaign.store import Store, read_table
-from rovtwin.campaign.summary import column, share_interval, summarise, wall_time
+from rovtwin.campaign.summary import column, summarise, wall_time
 from rovtwin.campaign.workers import Dask, at_scheduler, on_slurm, on_this_machine
 from rovtwin.core.errors import ConfigError
 from rovtwin.runs.fly import fly

@@ -9,7 +9,8 @@ from rovtwin._version import __version__
 from rovtwin.campaign.distributions import Choice
 from rovtwin.campaign.rows import SCORES
 from rovtwin.campaign.run import Session
-from rovtwin.campaign.summary import column, failures, numbers_varied, rank_correlation, share_interval, wall_time
+from rovtwin.campaign.shares import share_interval
+from rovtwin.campaign.summary import column, failures, numbers_varied, rank_correlation, wall_time
 from rovtwin.core.numerics import jax
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.report.studies.campaign import CampaignResult, write_campaign_report

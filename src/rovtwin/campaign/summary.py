@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from scipy.stats import binomtest, spearmanr
+from scipy.stats import spearmanr
 
 from rovtwin.campaign.distributions import kind_of
 from rovtwin.campaign.rows import SCORES
 from rovtwin.campaign.schema import Campaign
+from rovtwin.campaign.shares import share_interval
 
-LEVEL = 0.95
 QUANTILES = (0.05, 0.5, 0.95)
 FEW = 8  # samples under which no correlation is worth a number
 
@@ -53,12 +53,6 @@ def column(table: pa.Table, name: str) -> np.ndarray:
     if pa.types.is_string(kind):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
-def share_interval(hits: int, of: int) -> tuple[float, float]:
-    """95 % interval of a share by Clopper and Pearson (1934): never too narrow, also when none or all were hits."""
-    interval = binomtest(hits, of).proportion_ci(LEVEL, method="exact")
-    return float(interval.low), float(interval.high)
 
 
 def quantiles(values: np.ndarray) -> dict[str, float]:

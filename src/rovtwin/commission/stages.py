@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from rovtwin.commission import bench, certificate, estimate, excite, paper, scale
+from rovtwin.commission import bench, certificate, estimate, excite, paper, predict, prove, scale
 from rovtwin.commission.dip import stage as dip
 from rovtwin.commission.stage import Stage
 
@@ -52,6 +52,22 @@ STAGES: tuple[Stage, ...] = (
         "Read the page, then let the autopilot be tuned and proven on the twin.",
         False,
         estimate.run,
+    ),
+    Stage(
+        "prove",
+        "Prove on the twin",
+        "in which currents and seas missions succeed, whatever the tests left open of the vehicle",
+        "Put the vehicle into the tank, clear of walls, ready to be flown.",
+        False,
+        prove.run,
+    ),
+    Stage(
+        "predict",
+        "Predict, then fly",
+        "whether a flight of four corners is as the twin predicted it, written down before",
+        "Print the certificate and keep the folder.",
+        True,
+        predict.run,
     ),
     Stage(
         "certificate",

@@ -33,7 +33,7 @@ def compared(record: Record) -> Iterator[Check]:
 
 
 def _leaky(rate: np.ndarray) -> np.ndarray:
-    """What rates add up to, forgetting with MEMORY; errors that stay and what comes before it has settled are left out."""
+    """What rates add up to, forgetting with MEMORY, without errors that stay and without the start."""
     keep = np.exp(-STEP / MEMORY)
     rate = np.nan_to_num(rate)
     way = np.asarray(lfilter([STEP], [1.0, -keep], rate - np.mean(rate, axis=0), axis=0))[round(MEMORY / STEP) :]

@@ -1,0 +1,213 @@
+"""Predict, then fly: four corners in the tank with bands, written down before the flight; the flight against them."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rovtwin.campaign.tuning.plants import plants_of
+from rovtwin.commission.proving.bands import DRAWS, Held, Track, held, track_of
+from rovtwin.commission.proving.efforts import Foreseen, agrees, effort
+from rovtwin.commission.proving.flights import drawn
+from rovtwin.commission.proving.missions import CLEAR, in_tank, open_water
+from rovtwin.commission.proving.prediction import BANDS, LABELS, Prediction, predicted
+from rovtwin.commission.proving.tuned import autopilot_of
+from rovtwin.commission.request import sha256
+from rovtwin.commission.stage import Check, Outcome
+from rovtwin.commission.work import Work
+from rovtwin.core.datum import utc_now
+from rovtwin.core.log import Log
+from rovtwin.live.flight import fly_live
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.fly import Flight
+from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle import Vehicle, load_vehicle
+from rovtwin.vehicle.constants import AXES
+
+STREAM = 82  # of random numbers: no flight here is one of the proof
+COMING = 30.0  # until the first corner is left [s]
+FLIGHT = "flight"
+UNTRUE = "The model does not predict this flight: look for what has changed, then repeat excite and identify."
+
+
+def run(work: Work) -> Outcome:
+    """The page of the prediction and its flight."""
+    path = work.file("identify", "vehicle_file")
+    if path is None:
+        text = "no identified file of this commissioning: nothing says how sure the model is."
+        return Outcome((Check("stop", "model", text, "Pass the stage identify first."),))
+    vehicle = load_vehicle(str(path))
+    work.person.progress("predicting: sizing the mission")
+    mission = in_tank(vehicle, work.request.room, _accuracy(work, vehicle, str(path)))
+    scenario = work.scenario(mission | autopilot_of(work), str(path))
+    made, checks, figures = _predicted(work, scenario, vehicle)
+    if made is None or any(check.verdict == "stop" for check in checks):
+        return Outcome(tuple(checks), figures)
+    files = made.write(work.folder)
+    sums = {name: sha256(work.folder / name) for name in files[:2]}
+    figures |= {"prediction_file": BANDS, "predicted_utc": utc_now(), "sha256": sums}
+    checks.append(Check("ok", "written down", f"before the flight: {BANDS}, SHA-256 {sums[BANDS][:16]}.."))
+    flight, notes = _flown(work, scenario, float(made.band.t[-1]) + COMING)
+    checks += notes
+    if flight is None:
+        return Outcome(tuple(checks), figures, tuple(files))
+    log = f"{FLIGHT}/log.mcap"
+    judged, more = _judged(work, made, flight)
+    seconds = float(flight.log.end - flight.log.start)
+    return Outcome((*checks, *judged), figures | more | {"log": log}, (*files, log), seconds)
+
+
+def _accuracy(work: Work, vehicle: Vehicle, path: str) -> float:
+    """Standard deviation of the estimated position with the vehicle's sensors, in the worse direction [m]."""
+    anywhere = work.scenario({"world": {}} | open_water(vehicle.model()), path)
+    simulation = compose(anywhere, vehicle=vehicle)
+    return max(simulation.bound(simulation.scenario.waypoints[0].speed))
+
+
+def _predicted(
+    work: Work, scenario: Scenario, vehicle: Vehicle
+) -> tuple[Prediction | None, list[Check], dict[str, Any]]:
+    """What drawn vehicles do, and whether they all do it well."""
+    work.person.progress("predicting: drawing vehicles")
+    plants, began = plants_of(scenario), time.monotonic()
+    base = compose(scenario, vehicle=vehicle)
+    runs = [drawn(base, plants, (work.request.seed, STREAM, i)) for i in range(DRAWS)]
+    text = f"predicting: {DRAWS} flights of the twin"
+    made, why = predicted(runs, work.request.room, lambda share: work.person.progress(text, share))
+    wall = time.monotonic() - began
+    figures: dict[str, Any] = {
+        "draws": DRAWS,
+        "drawn_from": plants.description,
+        "wall_s": wall,
+        "missions_per_min": 60.0 * DRAWS / wall,
+    }
+    if made is None:
+        return None, [Check("stop", "mission", line, "Test more, or use a larger tank.") for line in why], figures
+    figures |= {"room_m": made.room, "level": made.band.level, "half_width": made.half_widths}
+    widths = ", ".join(f"{axis} {made.half_widths[axis]:.2g} {unit}" for axis, unit in LABELS)
+    text = f"{DRAWS} flights of vehicles drawn from {plants.description}; half of the 95 % band's width: {widths}"
+    return made, [Check("ok", "prediction", text), _clear(made.room)], figures
+
+
+def _clear(room: float) -> Check:
+    text = f"drawn flights stay {room:.2f} m or more off the walls, the hull turned any way"
+    if room < CLEAR:
+        return Check("stop", "room", f"{text}; expected {CLEAR:g} m.", "Use a larger tank, or test more.")
+    return Check("ok", "room", text)
+
+
+def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | None, list[Check]]:
+    """The flight over the link once the person says yes; None without."""
+    notes: list[Check] = []
+
+    def arm(readiness: Any) -> bool:
+        if readiness.missing:
+            text = f"no readings of {', '.join(readiness.missing)}: predicted with them, flown without."
+            notes.append(Check("warning", "sensors", text, "Take them out of the vehicle's file, or mend them."))
+        return work.may_move(f"Fly the four corners now? Thrusters will turn for about {lasting:.0f} s; hands away.")
+
+    with work.connected(scenario) as there:
+        flight = fly_live(
+            scenario,
+            there.link,
+            there.sources,
+            there.clock,
+            work.folder / FLIGHT,
+            arm=arm,
+            progress=lambda t, phase: work.person.progress(f"flying: {phase}", min(t / lasting, 1.0)),
+            say=work.person.progress,
+            warn=work.person.say,
+        )
+    if flight.summary["reason"] == "not armed":
+        fix = "Repeat this stage when the vehicle may move."
+        return None, [*notes, Check("stop", "flight", "not flown: it was not confirmed.", fix)]
+    return flight, notes
+
+
+def _judged(work: Work, made: Prediction, flight: Flight) -> tuple[list[Check], dict[str, Any]]:
+    """Each axis of path and effort against its band, with the figure."""
+    track, completed = _track_of_log(flight.log), bool(flight.summary["completed"])
+    checks: list[Check] = []
+    if not completed:
+        reason = flight.summary["reason"] or "not finished"
+        fix = "Look at the log, then repeat this stage."
+        checks.append(Check("stop", "flight", f"the mission was not completed: {reason}.", fix))
+    if track is None:
+        return checks, {"completed": completed}
+    rows = held(made.band, track)
+    efforts = _efforts(made, flight.log, track)
+    checks += [*(_path(one) for one in rows), *(_effort(*one) for one in efforts)]
+    made.draw(work.folder, track, [f"{100.0 * one.inside:.1f} % inside" for one in rows])
+    agreed = all(one.agrees for one in rows) and all(agrees(one, flown, n) for one, flown, n in efforts)
+    figures = {
+        "completed": completed,
+        "inside": {one.axis: one.inside for one in rows},
+        "inside_all": float(np.mean([one.inside for one in rows])),
+        "verdict": "inside" if agreed else "outside",
+        "axes": [_row(one) for one in rows],
+        "effort": list(_effort_rows(efforts)),
+        "time_zero_s": track.began,
+    }
+    return checks, figures
+
+
+def _path(one: Held) -> Check:
+    low, high = (100.0 * share for share in one.usual)
+    text = (
+        f"{100.0 * one.inside:.1f} % of {one.samples} samples inside the 95 % band; drawn flights have {low:.0f} to "
+        f"{high:.0f} % (correlated: as good as {one.effective:.0f} independent ones)"
+    )
+    if one.agrees:
+        return Check("ok", one.axis, text)
+    return Check("stop", one.axis, f"{text}; up to {one.outside_by:.1f} half-widths beyond it.", UNTRUE)
+
+
+def _efforts(made: Prediction, log: Log, track: Track) -> list[tuple[Foreseen, float, int]]:
+    """What was foreseen of each axis, what was flown, and how many axes there are."""
+    nu, tau = log["autopilot/nu"], log["autopilot/tau"]
+    end = track.began + float(made.band.t[-1])
+    during = (nu.t >= track.began - 1e-6) & (nu.t <= end + 1e-6)
+    wrench = np.column_stack([np.interp(nu.t[during], tau.t, tau[name]) for name in tau.channel.fields])
+    flown = effort(np.column_stack([nu[name][during] for name in nu.channel.fields]), wrench)
+    return [(one, float(flown[AXES.index(one.axis)]), len(made.efforts)) for one in made.efforts]
+
+
+def _effort(one: Foreseen, flown: float, axes: int) -> Check:
+    low, high = (100.0 * (ratio - 1.0) for ratio in one.ratio())
+    text = (
+        f"it takes {100.0 * (flown / one.middle - 1.0):+.0f} % against the prediction, whose 95 % band is {low:+.0f} "
+        f"to {high:+.0f} %"
+    )
+    name = f"effort, {one.axis}"
+    return Check("ok", name, text) if agrees(one, flown, axes) else Check("stop", name, f"{text}.", UNTRUE)
+
+
+def _effort_rows(efforts: list[tuple[Foreseen, float, int]]) -> Iterator[dict[str, Any]]:
+    for one, flown, axes in efforts:
+        yield {
+            "axis": one.axis,
+            "ratio": flown / one.middle,
+            "interval_95": list(one.ratio()),
+            "chance": one.chance(flown),
+            "verdict": "inside" if agrees(one, flown, axes) else "outside",
+        }
+
+
+def _row(one: Held) -> dict[str, Any]:
+    return {
+        "axis": one.axis,
+        "inside": one.inside,
+        "samples": one.samples,
+        "effective_samples": one.effective,
+        "drawn_95": list(one.usual),
+        "chance": one.chance,
+        "beyond_half_widths": one.outside_by,
+        "verdict": "inside" if one.agrees else "outside",
+    }
+
+
+def _track_of_log(log: Log) -> Track | None:
+    eta, mode = log["autopilot/eta"], log["autopilot/mode"]
+    pose = np.column_stack([eta[name] for name in eta.channel.fields])
+    return track_of(eta.t, pose, np.interp(eta.t, mode.t, mode["waypoint"]))

@@ -1,0 +1,92 @@
+"""Flights of one scenario by vehicles as they may truly be, side by side on all cores."""
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rovtwin.campaign.tuning.flights import LANES
+from rovtwin.campaign.tuning.plants import Plants
+from rovtwin.campaign.workers import cores_here
+from rovtwin.core.user_files.config import parse
+from rovtwin.runs.batch import flown_together, same_program
+from rovtwin.runs.compose.composition import Simulation, keys_of, start_of
+from rovtwin.runs.compose.world import plant_of, world_of
+from rovtwin.runs.run import CHUNK
+from rovtwin.runs.scoring.scores import Flown
+from rovtwin.scenario.schema import WorldSection
+
+LOOK = 0.5  # between looks at how far the flights are [s]
+Progress = Callable[[float], None]  # share of the flights done, 0 to 1
+
+
+def drawn(base: Simulation, plants: Plants, stream: Sequence[int], world: dict[str, Any] | None = None) -> Simulation:
+    """A flight of a vehicle, with noise and (by `world`) water, drawn from a stream of random numbers.
+
+    What the autopilot is made of is taken over: it does not know what is drawn, and takes a second to derive.
+
+    Args:
+        base: Composed scenario; its tethers, batteries and forces of one's own, had it any, would stay as they are.
+        plants: What the true vehicle is drawn from.
+        stream: Seed, and numbers of cell and flight.
+        world: Section in place of the scenario's.
+    """
+    rng, scenario = np.random.default_rng(list(stream)), base.scenario
+    changed: dict[str, Any] = {"seed": int(rng.integers(2**31))}
+    if world is not None:
+        changed["world"] = parse(WorldSection, world, scenario.name)
+    scenario = scenario.model_copy(update=changed)
+    key_plant, key_run = keys_of(scenario.seed)
+    plant = plant_of(scenario.world, base.vehicle, base.model, key_plant, plants.drawn(rng))
+    twin = replace(base.loop.twin, model=plant, world=world_of(scenario.world))
+    loop = replace(base.loop, twin=twin)
+    return replace(base, scenario=scenario, loop=loop, key=key_run, start=start_of(scenario, plant))
+
+
+def fly_all(runs: Sequence[Simulation], progress: Progress = lambda share: None) -> list[Flown]:
+    """What scores need of each flight, in their order; LANES of one program side by side in each thread.
+
+    Args:
+        runs: Ready to fly.
+        progress: Called now and then from this thread.
+    """
+    portions = [group[i : i + LANES] for group in same_program(runs) for i in range(0, len(group), LANES)]
+    shares, ended = [0.0] * len(portions), threading.Event()
+
+    def fly(number: int) -> list[Flown]:
+        portion = [runs[i] for i in portions[number]]
+
+        def look(share: float, flying: int) -> None:
+            shares[number] = share
+            if ended.is_set():
+                raise InterruptedError
+
+        full = [*portion, *[portion[-1]] * (LANES - len(portion))]  # one shape, one program
+        return flown_together(full, look)[: len(portion)]
+
+    _compile([runs[portion[0]] for portion in portions])
+    found: dict[int, Flown] = {}
+    with ThreadPoolExecutor(cores_here()) as pool:
+        flying = {pool.submit(fly, number): portions[number] for number in range(len(portions))}
+        try:
+            waiting = set(flying)
+            while waiting:
+                done, waiting = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
+                for future in done:
+                    found |= dict(zip(flying[future], future.result(), strict=True))
+                progress(sum(shares) / len(shares))
+        finally:
+            ended.set()  # Ctrl-C and errors end the other threads, too
+            pool.shutdown(cancel_futures=True)
+    return [found[i] for i in range(len(runs))]
+
+
+def _compile(firsts: Sequence[Simulation]) -> None:
+    """Fly a second with each program, so that threads find it compiled and don't all compile it."""
+    for group in same_program(firsts):
+        one = firsts[group[0]]
+        brief = replace(one, scenario=one.scenario.model_copy(update={"duration": CHUNK}))
+        flown_together([brief] * LANES)

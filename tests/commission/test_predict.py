@@ -1,0 +1,94 @@
+"""Predict, then fly: the prediction stands before the flight, a true model agrees with it, an untrue one does not."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from tests.campaign.identified import identified_vehicle
+from tests.commission.proving.dossiers import Asked, identified_so_far, work_on
+
+from rovtwin.commission import predict, prove
+from rovtwin.commission.proving import prediction
+from rovtwin.commission.proving.bands import Held
+from rovtwin.commission.proving.efforts import Foreseen
+from rovtwin.commission.request import sha256
+from rovtwin.live import connect
+from rovtwin.runs.compose.composition import compose
+
+DRAG = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahead", "quadratic_damping_astern")
+
+
+def test_without_an_identified_file_nothing_is_predicted(tmp_path):
+    outcome = predict.run(work_on(identified_so_far(tmp_path / "c", None), "predict", Asked()))
+    assert not outcome.go and "identify" in outcome.reasons[0]
+
+
+def with_more_drag(scenario):
+    """The twin of a scenario whose drag is 30 % larger than its file says."""
+    model = compose(scenario).model
+    return compose(scenario, model.replace(**{name: 1.3 * getattr(model, name) for name in DRAG}))
+
+
+@pytest.fixture
+def flown_once(monkeypatch):
+    """Each attempt at the stage draws the same flights: they are flown once."""
+    kept, really = [], prediction.fly_all
+
+    def fly_all(runs, progress):
+        if not kept:
+            kept.append(really(runs, progress))
+        assert len(kept[0]) == len(runs)
+        return kept[0]
+
+    monkeypatch.setattr(prediction, "fly_all", fly_all)
+
+
+@pytest.mark.slow
+def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
+    person = Asked()
+    dossier = identified_so_far(tmp_path / "c", identified_vehicle(tmp_path / "identified.yaml"))
+    proven = prove.run(work_on(dossier, "prove", person))
+    assert proven.go, proven.reasons
+    dossier.end(dossier.attempts("prove")[-1], proven)
+    rows = proven.measured["envelope"]
+    assert [(row["current_m_s"], row["missions"], row["succeeded"]) for row in rows] == [(0.0, 3, 3), (0.1, 3, 3)]
+    assert rows[0]["interval_95"][0] == pytest.approx(0.025 ** (1 / 3))
+    assert proven.measured["largest_current_m_s"] == 0.1 and person.shares[-1][1] == 1.0
+
+    refused = predict.run(work_on(dossier, "predict", Asked(no="Thrusters")))
+    assert not refused.go and "not confirmed" in refused.reasons[0] and "inside" not in refused.measured
+
+    work = work_on(dossier, "predict", person)
+    outcome = predict.run(work)
+    assert outcome.go, outcome.reasons
+    measured = json.loads(json.dumps(outcome.measured))
+    assert set(measured["inside"]) == {"north", "east", "depth", "heading"} and measured["verdict"] == "inside"
+    name = measured["prediction_file"]
+    assert sha256(work.folder / name) == measured["sha256"][name]
+    assert all((work.folder / name).is_file() for name in outcome.files)
+    with open(work.folder / measured["prediction_file"]) as file:
+        table = list(csv.DictReader(file))
+    assert all(float(row["north_low_m"]) <= float(row["north_high_m"]) for row in table)
+    assert np.isclose(float(table[1]["t_s"]), 0.1)
+
+    monkeypatch.setattr(connect, "compose", with_more_drag)
+    other = predict.run(work_on(dossier, "predict", person))
+    assert not other.go and other.measured["verdict"] == "outside"
+    wrong = {row["axis"]: row["ratio"] for row in other.measured["effort"] if row["verdict"] == "outside"}
+    assert wrong and all(ratio > 1.1 for ratio in wrong.values())
+
+
+def test_a_page_says_how_many_samples_there_are_and_how_many_count():
+    good = Held("north", 0.93, 760, 19.4, (0.8, 1.0), 0.3, 0.4)
+    line = predict._path(good)
+    assert line.verdict == "ok" and "93.0 % of 760 samples" in line.text and "as good as 19 independent" in line.text
+    bad = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 15.0))
+    assert bad.verdict == "stop" and "15.0 half-widths" in bad.text and bad.fix
+
+
+def test_a_page_says_how_far_the_effort_is_off():
+    one = Foreseen("heave", np.log(165.0), 0.027, 79)
+    assert predict._effort(one, 168.0, 4).verdict == "ok"
+    line = predict._effort(one, 1.4 * 165.0, 4)
+    assert line.verdict == "stop" and "+40 %" in line.text and "-5 to +6 %" in line.text
