@@ -28,9 +28,10 @@ from rovtwin.gnc.control.reference_model import ReferenceModel
 from rovtwin.gnc.guidance.level_allowance import Allowance, LevelAllowance
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, turned
 from rovtwin.gnc.interfaces import ControlInput
-from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
+from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, straight
 from rovtwin.vehicle.physics.actuation import pushed_axes
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
+from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 ROUNDING = 1e-9  # of a limit: what products of shares change
@@ -134,7 +135,7 @@ class Tracking(Block):
         scales = VehicleScales.of(model)
         requested = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
         w = np.maximum(requested, straight(model))
-        rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.inertia))
+        rights = np.maximum(restoring_stiffness(model), 0.0) / np.diagonal(np.asarray(model.inertia))
         able = pushed_axes(model)
         zeta = np.broadcast_to(damping_ratio, 6)
         tilting = HeaveFeedback.of(model, None if bandwidth is None else float(requested[HEAVE]), float(zeta[HEAVE]))

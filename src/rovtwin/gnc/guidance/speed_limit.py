@@ -17,6 +17,7 @@ from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.guidance.level_speed import LevelSpeed
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
+from rovtwin.vehicle.physics.dynamics import speed_of_drag
 from rovtwin.vehicle.physics.model import Model
 
 ALONG = 0.05  # shares of the speed below this are across the axis
@@ -73,7 +74,7 @@ class AchievableSpeed(eqx.Module):
         some = pushed_axes(model)[:2] & (force.max(axis=0) > 0.0)
         force = np.maximum(force, 0.0)
         level = LevelSpeed.of(model)
-        kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
+        kept_up = np.minimum(np.asarray(speed_of_drag(linear, quadratic, share * force)), np.asarray(level.axes))
         speed = np.where(some, kept_up, FREE)
         mass = _horizontal(model.inertia)[1]
         push = np.where(some, force / mass, FREE)[:, 1]
@@ -84,7 +85,7 @@ class AchievableSpeed(eqx.Module):
         to_n = turned(estimate.eta[5])
         nu = estimate.nu[:2] - to_n.T @ estimate.wave[3:5]
         drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
-        speed = _speed(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
+        speed = speed_of_drag(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
         return to_n @ (nu - jnp.sign(drag) * speed)
 
     def through_water(self, estimate: Estimate) -> Array:
@@ -174,11 +175,6 @@ class AchievableSpeed(eqx.Module):
 
     def _sided(self, sign: Array, of: Array) -> Array:
         return jnp.where(sign >= 0.0, of[0], of[1])
-
-
-def _speed(linear: Any, quadratic: Any, force: Any) -> Array:
-    """Speed whose drag is a force >= 0; in a form that holds without quadratic damping, with a gradient at zero."""
-    return 2.0 * force / (linear + jnp.sqrt(linear**2 + 4.0 * quadratic * force))
 
 
 def turned(heading: Array) -> Array:

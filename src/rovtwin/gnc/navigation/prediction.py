@@ -46,7 +46,8 @@ from rovtwin.gnc.navigation.state import (
 )
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.discrepancy import discrepancy_variance
-from rovtwin.vehicle.physics.dynamics import learned_wrench
+from rovtwin.vehicle.physics.dynamics import damping_force, learned_wrench
+from rovtwin.vehicle.physics.linearisation import damping_jacobian
 from rovtwin.vehicle.physics.model import Model
 
 
@@ -89,7 +90,7 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     value = inverse @ (force - model.inertia[:3, 3:] @ turning.omega_dot) - along
 
     S_c, S_w = skew(current_b), skew(omega)
-    dforce_dv = dlearned_dv - scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.inertia[:3, :3])
+    dforce_dv = dlearned_dv - scale[:, None] * damping_jacobian(model, nu_r, 3) - product(S_w, model.inertia[:3, :3])
     dv = product(inverse, dforce_dv)
     dattitude = product(inverse, skew(steady)) - product(dv, S_c) - product(S_w, S_c)
     dcurrent = -product(dv + S_w, R_bn)[:, :2]
@@ -274,18 +275,3 @@ def force_inverse(model: Model) -> Array:
     a, b, c = model.inertia[0, :3], model.inertia[1, :3], model.inertia[2, :3]
     bc = cross(b, c)
     return jnp.stack([bc, cross(c, a), cross(a, b)], axis=1) / (a @ bc)
-
-
-def damping_force(model: Model, nu_r: Array) -> Array:
-    """Rows 1 to 3 of D(nu_r) nu_r [N], shape (3,)."""
-    ahead, astern = jnp.maximum(nu_r, 0.0), jnp.maximum(-nu_r, 0.0)
-    return model.damping[:3] @ jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
-
-
-def damping_force_slope(model: Model, nu_r: Array) -> Array:
-    """d(damping_force)/d(v_r), shape (3, 3); at zero velocity the mean of ahead and astern."""
-    v = nu_r[:3]
-    ahead = jnp.where(v > 0, 1.0, jnp.where(v < 0, 0.0, 0.5))
-    linear = model.linear_damping_ahead[:3, :3] * ahead + model.linear_damping_astern[:3, :3] * (1.0 - ahead)
-    quadratic = jnp.where(v >= 0, model.quadratic_damping_ahead[:3, :3], model.quadratic_damping_astern[:3, :3])
-    return linear + 2.0 * quadratic * jnp.abs(v)

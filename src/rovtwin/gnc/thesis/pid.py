@@ -17,6 +17,7 @@ from rovtwin.core.frames import body_rates_from_euler_rates, rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
+from rovtwin.vehicle.physics.linearisation import damping_jacobian, restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 
@@ -128,19 +129,8 @@ def body_error(estimate: Estimate, reference: Reference) -> tuple[Array, Array]:
 
 def linearised_damping(model: Model, speed: Any = 0.0) -> Array:
     """Slope of the damping of each axis at a speed, mean of ahead and astern, shape (6,) [N s/m, N m s/rad]."""
-    linear = 0.5 * (model.linear_damping_ahead + model.linear_damping_astern)
-    quadratic = 0.5 * (model.quadratic_damping_ahead + model.quadratic_damping_astern)
-    return jnp.diagonal(linear) + 2.0 * jnp.abs(as_array(speed)) * jnp.diagonal(quadratic)
-
-
-def restoring_stiffness(model: Model) -> Array:
-    """Slope of the restoring wrench of each axis at level trim, shape (6,); roll and pitch only [N m/rad].
-
-    Reference: Fossen (2021), eq. 4.14, for W and B that differ.
-    """
-    metacentric = model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2]
-    zero = jnp.zeros_like(metacentric)
-    return jnp.array([zero, zero, zero, metacentric, metacentric, zero])
+    nu = jnp.broadcast_to(as_array(speed), 6)
+    return 0.5 * jnp.diagonal(damping_jacobian(model, nu) + damping_jacobian(model, -nu))
 
 
 def _limits(model: Model) -> dict[str, Array]:
