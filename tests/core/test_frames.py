@@ -238,3 +238,9 @@ def test_attitude_in_enu_flu():
         same_rotation(frames.attitude_enu_flu_to_ned_frd(other), q)
     north = frames.euler_from_quaternion(frames.attitude_ned_frd_to_enu_flu(jnp.asarray(IDENTITY)))
     np.testing.assert_allclose(north, [0, 0, np.pi / 2], atol=1e-12)
+
+
+def test_rotation_by_a_heading_is_that_of_a_level_attitude():
+    R = frames.rotation_from_euler(jnp.array([0.0, 0.0, 2.1]))
+    np.testing.assert_allclose(frames.yaw_rotation(jnp.asarray(2.1)), R, atol=1e-16)
+    np.testing.assert_allclose(frames.heading_rotation(jnp.asarray(2.1)), R[:2, :2], atol=1e-16)

@@ -183,7 +183,7 @@ class NavigationFilter(Block):
         means = [readings.averaged(slot, jnp.zeros(()), 0.0) for slot in gyros]
         counts = [mean.count for mean in means]
         together = readings.joined([mean.value for mean in means], counts, mounts)
-        last = readings.joined([readings.last(slot) for slot in gyros], counts, mounts)
+        last = readings.joined([slot.newest(jnp.zeros(3)) for slot in gyros], counts, mounts)
         n = jnp.maximum(jnp.max(jnp.stack(counts)), 1)
         end = last.value - memory.x.gyro_bias
         middle = together.value - memory.x.gyro_bias + (memory.omega - end) / (2.0 * n)

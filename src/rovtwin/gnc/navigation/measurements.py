@@ -104,14 +104,6 @@ def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
     return Mean(share @ slot.value, count, share @ age_of(slot.t_valid, now, max_age))
 
 
-def last(slot: Slot) -> Array:
-    """The newest reading of a slot, zero where it holds nothing."""
-    newest = jnp.zeros(slot.value.shape[1])
-    for row in range(slot.valid.shape[0]):
-        newest = jnp.where(slot.valid[row], slot.value[row], newest)
-    return newest
-
-
 def attitude(
     x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: Array | float
 ) -> Innovation:

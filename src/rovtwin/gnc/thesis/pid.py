@@ -15,6 +15,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
 from rovtwin.core.frames import body_rates_from_euler_rates, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.anti_windup import integrated
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
 from rovtwin.vehicle.physics.linearisation import damping_jacobian, restoring_stiffness
@@ -50,10 +51,7 @@ class Pid(Block):
         unlimited = self.K_p * e + memory + growth + self.K_d * e_dot
         tau = jnp.clip(unlimited, self.lower, self.upper)
         cut = unlimited - tau
-        # Either cut counts: the axis's own now, or the allocation's a tick ago (less its rounding).
-        lost = jnp.where(jnp.abs(input.shortfall) > 1e-9, input.shortfall, 0.0)
-        winding = (growth * cut > 0.0) | (growth * lost > 0.0)
-        return jnp.where(winding, memory, memory + growth), Wrench(tau, cut != 0.0)
+        return integrated(memory, growth, cut, input.shortfall), Wrench(tau, cut != 0.0)
 
     @classmethod
     def table_7_1(cls, model: Model) -> "Pid":
