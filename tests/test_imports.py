@@ -98,7 +98,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"endpoint"},
     ],
     "campaign": [
-        {"distributions", "packages", "paths", "tuning"},
+        {"distributions", "paths", "tuning"},
         {"schema"},
         {"replay", "rows", "samples"},
         {"flying", "store", "summary"},

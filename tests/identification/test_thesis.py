@@ -119,7 +119,7 @@ def test_the_empirical_method_says_what_follows_and_what_does_not(study):
 def test_without_pymoo_all_but_the_search_is_derived(monkeypatch):
     from rovtwin.identification.thesis import simulation
 
-    monkeypatch.setattr(simulation, "find_spec", lambda name: None)
+    monkeypatch.setattr(simulation, "installed", lambda name: False)
     line = simulation.simulation_section().lines[-1]
     assert line.derived is None and "rovtwin[nsga]" in line.reason
 

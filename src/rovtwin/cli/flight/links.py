@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from rovtwin.cli.output import AsJson, console, emit
+from rovtwin.core.extras import installed
 
 if TYPE_CHECKING:
     from rovtwin.links.endpoint import Endpoint
@@ -46,19 +47,8 @@ def _row(one: "Endpoint") -> dict[str, Any]:
         "sensors": list(one.sensors),
         "served": one.server is not None or one.firmware is not None,
         "extra": extra,
-        "installed": not module or _is_installed(module),
+        "installed": not module or installed(module),
     }
-
-
-def _is_installed(module: str) -> bool:
-    from rovtwin.core.errors import ConfigError
-    from rovtwin.core.extras import require
-
-    try:
-        require(module, "", "")
-    except ConfigError:
-        return False
-    return True
 
 
 def _lines(row: dict[str, Any]) -> list[str]:

@@ -1,9 +1,8 @@
 """The simulated free-running test of chapter 8.1: tables 8.1 and 8.2, and the search (8.2)."""
 
-from importlib.util import find_spec
-
 import numpy as np
 
+from rovtwin.core.extras import installed
 from rovtwin.identification.steady.damping_fit import fit_damping
 from rovtwin.identification.steady.nsga import OneDirection, fit_nsga, simulate
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
@@ -38,7 +37,7 @@ def _searched() -> Line:
     data = printed("simulation")
     truth, search = data["predefined"], data["search"]
     total = search["mass"] + truth["added_mass"]
-    if find_spec("pymoo") is None:
+    if not installed("pymoo"):
         return Line(*SEARCHED, search["total"], None, total, reason=sentence("no_search"))
     force, _, ground = speeds()
     behind = fit_damping(ground, force).coefficients
