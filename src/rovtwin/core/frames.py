@@ -101,6 +101,17 @@ def quaternion_normalise(q: Array) -> Array:
     return q / jnp.sqrt(jnp.sum(q * q))
 
 
+def quaternion_turned(q: Array, half: Array) -> Array:
+    """q, shape (4,), after a small rotation in b, half of it given [rad], shape (3,): exact to second order."""
+    return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
+
+
+def rotation_between(a: Array, b: Array) -> Array:
+    """The small rotation in b that turns quaternion b into a [rad], shape (3,): exact to second order."""
+    q = quaternion_multiply(quaternion_conjugate(b), a)
+    return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
+
+
 def quaternion_from_euler(euler: Array) -> Array:
     """Unit quaternion, shape (4,), of zyx Euler angles [phi, theta, psi] [rad]."""
     (cf, ct, cp), (sf, st, sp) = jnp.cos(euler / 2), jnp.sin(euler / 2)

@@ -23,8 +23,7 @@ import equinox as eqx
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import (
     cross,
-    quaternion_multiply,
-    quaternion_normalise,
+    quaternion_turned,
     rotation_from_quaternion,
     skew,
 )
@@ -155,7 +154,7 @@ def by_accelerometer(
             1 rad/s it turns by 0.15 m/s2 in 15 ms.
     """
     omega, omega_dot = turning.omega, turning.omega_dot
-    down_b = rotation_from_quaternion(_turned(x.attitude, 0.5 * later * omega))[2]
+    down_b = rotation_from_quaternion(quaternion_turned(x.attitude, 0.5 * later * omega))[2]
     swing = cross(omega_dot, lever) + cross(omega, cross(omega, lever))
     value = reading - x.accelerometer_bias - cross(omega, x.velocity) - swing + GRAVITY * down_b
     own = (VELOCITY, -skew(omega)), (ATTITUDE, GRAVITY * skew(down_b)), (ACCELEROMETER_BIAS, -jnp.eye(3))
@@ -219,24 +218,19 @@ def step(
     P = _through(B, _through(B, P) + dt * noise)
 
     half = 0.5 * dt * turning.omega
-    R_middle = rotation_from_quaternion(_turned(x.attitude, 0.5 * half))
+    R_middle = rotation_from_quaternion(quaternion_turned(x.attitude, 0.5 * half))
     after = eqx.tree_at(
         lambda s: (s.position, s.velocity, s.attitude, s.wave_place, s.wave_velocity),
         x,
         (
             x.position + dt * (R_middle @ (x.velocity + 0.5 * dt * v_dot.value)),
             x.velocity + dt * v_dot.value,
-            _turned(x.attitude, half),
+            quaternion_turned(x.attitude, half),
             x.wave_place + dt * (x.wave_velocity + 0.5 * dt * wave_dot.value),
             x.wave_velocity + dt * wave_dot.value,
         ),
     )
     return after, 0.5 * (P + P.T), B
-
-
-def _turned(q: Array, half: Array) -> Array:
-    """q after a small rotation in b, half of it given [rad], shape (3,)."""
-    return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
 
 
 def _rates(R_nb: Array, velocity: Array, v_dot: Array, wave_dot: Array, omega: Array) -> Array:
