@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Any
 
 from rovtwin.cli.output import AsJson, console, emit
-from rovtwin.core.extras import installed
 
 if TYPE_CHECKING:
     from rovtwin.links.endpoint import Endpoint
@@ -36,6 +35,8 @@ def links(as_json: AsJson = False) -> None:
 
 def _row(one: "Endpoint") -> dict[str, Any]:
     """An endpoint for a list."""
+    from rovtwin.core.extras import installed
+
     use = [option for option, able in (("--link", one.link), ("--sensor", one.source)) if able is not None]
     module, extra = one.requires or ("", "")
     return {
