@@ -60,7 +60,7 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "vehicle": [{"constants", "solids"}, {"physics"}, {"description"}, {"analysis"}, {"outfitting"}],
     "gnc": [
-        {"guard", "interfaces", "mounting", "scales"},
+        {"anti_windup", "guard", "interfaces", "mounting", "scales"},
         {"thesis"},
         {"allocation"},
         {"navigation"},
@@ -98,7 +98,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"endpoint"},
     ],
     "campaign": [
-        {"distributions", "packages", "paths", "shares", "tuning"},
+        {"distributions", "paths", "shares", "tuning"},
         {"schema"},
         {"replay", "rows", "samples"},
         {"flying", "store", "summary"},
@@ -130,7 +130,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"cameras", "instruments"},
     ],
     "links": [
-        {"background", "clock", "endpoint", "host", "http_wire", "local_link", "rotations", "servers", "url"},
+        {"background", "clock", "endpoint", "host", "http_wire", "local_link", "servers", "url"},
         {
             "ardusub_json",
             "blueye",

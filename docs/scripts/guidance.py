@@ -35,9 +35,10 @@ from rovtwin.gnc.control.reference_model import ReferenceModel
 from rovtwin.gnc.guidance.mission import mission
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.gnc.thesis.allocation import Allocation
-from rovtwin.gnc.thesis.pid import Pid, linearised_damping, restoring_stiffness
+from rovtwin.gnc.thesis.pid import Pid, linearised_damping
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.physics.dynamics import State, plant_step
+from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 
 DT = 0.02
 SETS = {

@@ -383,9 +383,7 @@ def tune(
     Example:
         >>> tuned = rovtwin.tune("lawnmower_calm", budget=120.0)  # doctest: +SKIP
     """
-    from rovtwin.campaign.packages import require as need
-
-    need("cmaes")
+    require("cmaes", "campaign", "tune")
     from rovtwin.campaign.tuning.cost import weights_of
     from rovtwin.campaign.tuning.parameters import chosen
     from rovtwin.campaign.tuning.result import TuningRequest
@@ -421,9 +419,7 @@ def run_campaign(
     Example:
         >>> session = rovtwin.run_campaign("examples/campaign.yaml", "runs/many", samples=20)  # doctest: +SKIP
     """
-    from rovtwin.campaign.packages import require as need
-
-    need("pyarrow")
+    require("pyarrow", "campaign", "run_campaign")
     from rovtwin.campaign.run import run_campaign as flown
     from rovtwin.campaign.schema import load_campaign
     from rovtwin.campaign.workers import cores_here, on_this_machine

@@ -6,7 +6,6 @@ import yaml
 from scipy import stats
 
 from rovtwin.campaign.distributions import Choice, Integers, LogNormal, Normal, Uniform
-from rovtwin.campaign.packages import require
 from rovtwin.campaign.samples import draws, scenario_at, tasks
 from rovtwin.campaign.schema import Campaign, load_campaign
 from rovtwin.core.errors import ConfigError
@@ -170,8 +169,3 @@ def test_a_draw_that_makes_no_scenario_names_the_sample(tmp_path):
     wild = load_campaign(written(tmp_path, vary={"sensors.position.noise": UNIFORM | {"low": -1.0, "high": -0.5}}))
     with pytest.raises(ConfigError, match=r"sample 2.*sensors\.position\.noise.*\n.*drew seed = \d+, .*noise = -0\."):
         scenario_at(wild, 2)
-
-
-def test_a_missing_package_is_named_with_the_extra():
-    with pytest.raises(ConfigError, match=r"nothing_of_the_kind.*rovtwin\[campaign\]"):
-        require("sys", "nothing_of_the_kind")

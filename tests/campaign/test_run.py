@@ -147,7 +147,7 @@ def test_places_that_hold_no_sample_are_refused(session):
 
 
 def test_slurm_without_its_package_and_a_scheduler_that_is_not_there(monkeypatch):
-    monkeypatch.setattr("rovtwin.campaign.workers.find_spec", lambda name: None)
+    monkeypatch.setattr("rovtwin.campaign.workers.installed", lambda name: False)
     with pytest.raises(ConfigError, match="dask-jobqueue"), on_slurm(2):
         pass
     monkeypatch.setattr("rovtwin.campaign.workers.CONNECT", "1s")

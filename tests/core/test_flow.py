@@ -4,6 +4,7 @@ import numpy as np
 
 from rovtwin.core import flow
 from rovtwin.core.flow import Environment, Measurement, Slot, pack
+from rovtwin.core.frames import heading_rotation, rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
 
 EMPTY = {"gyro": Slot.empty(3, 3), "pressure": Slot.empty(1, 1)}
@@ -65,3 +66,22 @@ def test_all_are_pytrees_of_arrays():
     doubled = jax.jit(lambda c: jax.tree.map(lambda x: 2 * x + 1, c))(command)
     assert isinstance(doubled, flow.Command)
     np.testing.assert_array_equal(doubled.u, np.ones(3))
+
+
+def test_newest_reading_of_a_slot_is_the_last_valid_one():
+    slot = Slot(jnp.arange(6.0).reshape(3, 2), jnp.array([True, True, False]), jnp.zeros(3))
+    before = jnp.array([-1.0, -2.0])
+    np.testing.assert_array_equal(slot.newest(before), [2.0, 3.0])
+    np.testing.assert_array_equal(Slot.empty(3, 2).newest(before), before)
+
+
+def test_slow_motion_is_what_the_waves_leave():
+    eta, nu, wave = jnp.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.9]), jnp.arange(6.0) / 10, jnp.arange(6.0) / 7
+    six = jnp.zeros(6)
+    estimate = flow.Estimate(eta, nu, six, jnp.zeros((12, 12)), six, six, wave)
+    R_nb, level = rotation_from_euler(eta[3:]), heading_rotation(eta[5])
+    np.testing.assert_allclose(estimate.slow_position + wave[:3], eta[:3], rtol=1e-15)
+    slow = estimate.slow_velocity(R_nb.T)
+    np.testing.assert_allclose(R_nb @ slow + wave[3:], R_nb @ nu[:3], rtol=1e-14)
+    np.testing.assert_allclose(estimate.slow_velocity_n(R_nb), R_nb @ slow, atol=1e-15)
+    np.testing.assert_allclose(level @ estimate.slow_velocity(level.T), estimate.slow_velocity_n(level), atol=1e-15)

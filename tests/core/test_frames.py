@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from rovtwin.core import frames
 from rovtwin.core.numerics import jax, jnp
@@ -238,3 +239,20 @@ def test_attitude_in_enu_flu():
         same_rotation(frames.attitude_enu_flu_to_ned_frd(other), q)
     north = frames.euler_from_quaternion(frames.attitude_ned_frd_to_enu_flu(jnp.asarray(IDENTITY)))
     np.testing.assert_allclose(north, [0, 0, np.pi / 2], atol=1e-12)
+
+
+def test_rotation_by_a_heading_is_that_of_a_level_attitude():
+    R = frames.rotation_from_euler(jnp.array([0.0, 0.0, 2.1]))
+    np.testing.assert_allclose(frames.yaw_rotation(jnp.asarray(2.1)), R, atol=1e-16)
+    np.testing.assert_allclose(frames.heading_rotation(jnp.asarray(2.1)), R[:2, :2], atol=1e-16)
+
+
+def test_small_rotations_take_one_attitude_to_another_and_back():
+    q = frames.quaternion_from_euler(jnp.array([0.3, -0.4, 2.5]))
+    for size in (0.0, 1e-3, 1e-2):
+        angle = size * jnp.array([1.0, -0.6, 0.4])
+        after = frames.quaternion_turned(q, 0.5 * angle)
+        np.testing.assert_allclose(frames.rotation_between(after, q), angle, atol=size**3)
+        np.testing.assert_allclose(frames.rotation_between(-after, q), angle, atol=size**3)  # the same attitude
+        R = Rotation.from_quat(np.array(q), scalar_first=True) * Rotation.from_rotvec(np.array(angle))
+        np.testing.assert_allclose(frames.rotation_from_quaternion(after), R.as_matrix(), atol=size**3 + 1e-15)

@@ -9,8 +9,9 @@ from rovtwin.core.frames import euler_rate_matrix, quaternion_from_euler, rotati
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.gnc.thesis.allocation import Allocation
-from rovtwin.gnc.thesis.pid import Pid, body_error, linearised_damping, restoring_stiffness
+from rovtwin.gnc.thesis.pid import Pid, body_error, linearised_damping
 from rovtwin.vehicle.physics.dynamics import State, acceleration, plant_step
+from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 
 KEY = jax.random.key(0)
 START = Start.at()

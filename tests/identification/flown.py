@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import euler_from_rotation
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.physics.dynamics import State, rollout
 
@@ -83,7 +83,7 @@ def fly(name, kind="multisine", seed=0, duration=60.0, sensors=tuple(SENSORS), p
     nu, place = np.asarray(states.nu), np.asarray(states.position)
     t = STEP * (1 + np.arange(len(u)))
     truth = {"position": place, "gyro": nu[:, 3:], "velocity": nu[:, :3], "depth": place[:, 2:]}
-    truth["attitude"] = euler_from_matrices(R)
+    truth["attitude"] = euler_from_rotation(R)
     signals = {}
     for sensor in sensors:
         rate, noise = SENSORS[sensor]

@@ -15,6 +15,7 @@ from tests.identification.autopilot_logs import (
     write_ulog,
 )
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.checks.check import check_record
 from rovtwin.identification.logs.evidence_file import LogSpec
@@ -26,7 +27,6 @@ from rovtwin.identification.logs.readers.autopilots.tlog import _on_one_epoch
 from rovtwin.identification.logs.readers.autopilots.turning import stretches
 from rovtwin.identification.logs.readers.convert import to_body
 from rovtwin.identification.logs.readers.reading import read_raw
-from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 HORIZONTAL = ["front_starboard", "front_port", "rear_starboard", "rear_port"]
@@ -51,8 +51,8 @@ def check_motion(record, atol=2e-4):
     origin = next(float(n.split()[3]) for n in record.notes if n.startswith("time zero")) - START
     attitude, gyro, depth = (record.signals[name] for name in ("attitude", "gyro", "depth"))
     angles = [np.interp(attitude.t + origin, T, axis) for axis in EULER.T]
-    expected = matrices_from_euler(np.stack(angles, axis=1))
-    np.testing.assert_allclose(matrices_from_euler(attitude.value), expected, atol=atol)
+    expected = rotation_from_euler(np.stack(angles, axis=1))
+    np.testing.assert_allclose(rotation_from_euler(attitude.value), expected, atol=atol)
     np.testing.assert_allclose(gyro.value, np.stack([np.interp(gyro.t + origin, T, x) for x in RATE.T], 1), atol=atol)
     np.testing.assert_allclose(depth.value[:, 0], np.interp(depth.t + origin, T, DEPTH), atol=1e-3)
     velocity = record.signals["velocity"]
@@ -359,7 +359,7 @@ def test_telemetry_of_a_real_vehicle(heavy):
     assert record.duration == pytest.approx(16, abs=0.5) and record.command_interval == pytest.approx(0.5, abs=0.01)
     for slope, correlation in alike(record)[:2]:  # it hardly turned
         assert slope == pytest.approx(1.0, abs=0.05) and correlation > 0.98
-    gravity = -9.81 * matrices_from_euler(record.signals["attitude"].value)[:, 2, :].mean(axis=0)
+    gravity = -9.81 * rotation_from_euler(record.signals["attitude"].value)[:, 2, :].mean(axis=0)
     np.testing.assert_allclose(record.signals["accelerometer"].value.mean(axis=0), gravity, atol=0.1)
     assert np.abs(record.signals["depth"].value).max() < 0.1  # at the surface all the time
     found = {f.what: f.severity for f in check_record(record, heavy.model()) if f.severity != "note"}

@@ -13,6 +13,7 @@ from tests.conftest import shared_folder
 from tests.identification.flown import EXCITATIONS, SENSORS, fly, model_of
 
 import rovtwin.cli
+from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 from rovtwin.identification.checks import against_model
 from rovtwin.identification.checks.among_signals import check_motion, pairs
 from rovtwin.identification.checks.check import check_commands, check_record
@@ -22,7 +23,6 @@ from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.identification.logs.readers.assemble import flung
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.identification.logs.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -64,7 +64,7 @@ def in_world(record):
     """Velocity over ground in n, where b is expected."""
     velocity, attitude = record.signals["velocity"], record.signals["attitude"]
     angles = [np.interp(velocity.t, attitude.t, np.unwrap(a)) for a in attitude.value.T]
-    R = matrices_from_euler(np.stack(angles, axis=1))
+    R = rotation_from_euler(np.stack(angles, axis=1))
     return changed(record, "velocity", lambda v: np.einsum("nij,nj->ni", R, v))
 
 
@@ -347,7 +347,7 @@ def spinning(turn, attitude_rate, gain=1.0):
         R = R * step
         turned.append(R)
     rows = np.arange(0, len(t), round(100 / attitude_rate))
-    euler = euler_from_matrices(Rotation.concatenate([turned[i] for i in rows]).as_matrix())
+    euler = euler_from_rotation(Rotation.concatenate([turned[i] for i in rows]).as_matrix())
     signals = {
         "gyro": Signal(t + 0.005, gain * omega + rng.normal(0, 0.01, omega.shape)),
         "attitude": Signal(t[rows], euler + rng.normal(0, 0.003, euler.shape)),

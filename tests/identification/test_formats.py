@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.conftest import shared_folder
 
+from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.evidence_file import LogSpec, SourceSpec
 from rovtwin.identification.logs.readers import detect, read_record
 from rovtwin.identification.logs.readers.c3d import rigid_fit
 from rovtwin.identification.logs.readers.qtm import read_qtm
 from rovtwin.identification.logs.readers.reading import read_raw
-from rovtwin.identification.logs.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 T = np.arange(0.0, 3.0, 0.05)
@@ -23,7 +23,7 @@ RATE = np.stack([0.1 * np.cos(T), 0.2 * np.sin(T), 0.5 + 0 * T], axis=1)
 SPEED = np.stack([0.4 * np.cos(T), 0.1 * np.sin(T), 0.05 + 0 * T], axis=1)
 FLIP = np.array([1.0, -1.0, -1.0])
 NED_ENU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-R_NB = matrices_from_euler(EULER)
+R_NB = rotation_from_euler(EULER)
 MARKERS = {"bow": [0.2, 0, -0.1], "port": [-0.1, -0.2, -0.1], "starboard": [-0.1, 0.2, -0.12], "mast": [0, 0, -0.3]}
 
 
@@ -42,7 +42,7 @@ def check_pose(record, atol=1e-6):
     expected = [np.interp(position.t, T, axis) for axis in PLACE.T]
     np.testing.assert_allclose(position.value, np.stack(expected, axis=1), atol=atol)
     kept = np.searchsorted(T, attitude.t - 1e-6)
-    np.testing.assert_allclose(attitude.value, euler_from_matrices(R_NB)[kept], atol=atol)
+    np.testing.assert_allclose(attitude.value, euler_from_rotation(R_NB)[kept], atol=atol)
 
 
 def with_commands(folder, vehicle, command, source):
@@ -291,7 +291,7 @@ def test_blueye_logs(tmp_path, command, cut):
     assert n >= (len(T) - 1 if not cut else 40)
     np.testing.assert_allclose(depth.value[:, 0], PLACE[:n, 2], atol=1e-5)
     np.testing.assert_allclose(gyro.value, RATE[: len(gyro.t)], atol=1e-6)
-    np.testing.assert_allclose(matrices_from_euler(attitude.value), R_NB[: len(attitude.t)], atol=1e-5)
+    np.testing.assert_allclose(rotation_from_euler(attitude.value), R_NB[: len(attitude.t)], atol=1e-5)
     np.testing.assert_allclose(record.command, command[: len(record.command), :3], atol=1e-6)
 
 

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.conftest import shared_folder
 
+from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.log import Channel, Log
 from rovtwin.identification.logs.evidence_file import LogSpec, read_evidence
 from rovtwin.identification.logs.readers import read_record, read_tests
-from rovtwin.identification.logs.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.thrust_curve import read_points
 
@@ -51,7 +51,7 @@ def test_csv_with_plain_names_needs_no_map(tmp_path, vehicle, command):
     record = read_record(write_csv(tmp_path / "run.csv", columns), vehicle)
     assert set(record.signals) == {"attitude", "gyro"}
     np.testing.assert_allclose(record.command, command[:-1], atol=1e-9)
-    np.testing.assert_allclose(matrices_from_euler(record.signals["attitude"].value), matrices_from_euler(EULER))
+    np.testing.assert_allclose(rotation_from_euler(record.signals["attitude"].value), rotation_from_euler(EULER))
     assert record.end == pytest.approx(T[-1])
 
 
@@ -70,7 +70,7 @@ def test_npz_in_other_units_and_frames_is_the_same_record(tmp_path, vehicle, com
     """PWM, degrees, millimetres, z up, ENU quaternions, time from 1970."""
     flip = np.array([1.0, -1.0, -1.0])
     ned_enu = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    enu_flu = Rotation.from_matrix(ned_enu @ matrices_from_euler(EULER) @ np.diag(flip))
+    enu_flu = Rotation.from_matrix(ned_enu @ rotation_from_euler(EULER) @ np.diag(flip))
     np.savez(
         tmp_path / "run.npz",
         drive=np.column_stack([T + 1.7e9, 1500 + 400 * command]),
@@ -90,7 +90,7 @@ def test_npz_in_other_units_and_frames_is_the_same_record(tmp_path, vehicle, com
     )
     record = read_record(tmp_path / "run.npz", vehicle, given)
     np.testing.assert_allclose(record.signals["position"].value, PLACE, atol=1e-9)
-    expected = euler_from_matrices(matrices_from_euler(EULER))
+    expected = euler_from_rotation(rotation_from_euler(EULER))
     np.testing.assert_allclose(record.signals["attitude"].value, expected, atol=1e-9)
     np.testing.assert_allclose(record.signals["gyro"].value, RATE, atol=1e-9)
     np.testing.assert_allclose(record.command, command[:-1], atol=1e-9)
@@ -382,6 +382,6 @@ def test_shipped_evidence_of_the_tank():
     record = tests[2].record
     p, a, v = (record.signals[name] for name in ("position", "attitude", "velocity"))
     rate = np.gradient(p.value, p.t, axis=0)
-    from_position = np.einsum("nji,nj->ni", matrices_from_euler(a.value), rate)
+    from_position = np.einsum("nji,nj->ni", rotation_from_euler(a.value), rate)
     for axis in range(3):
         assert np.corrcoef(from_position[:, axis], v.value[:, axis])[0, 1] > 0.8

@@ -12,7 +12,8 @@ from rovtwin.identification.thesis.comparison import largest_gap
 from rovtwin.identification.thesis.decay import as_printed as decay_as_printed
 from rovtwin.identification.thesis.found import printed
 from rovtwin.identification.thesis.free_running import as_printed, bent, rms, rounding, rows, towed
-from rovtwin.identification.thesis.simulation import speeds, terminal
+from rovtwin.identification.thesis.simulation import speeds
+from rovtwin.vehicle.physics.dynamics import speed_of_drag
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +96,7 @@ def test_table_4_2_is_not_table_3_7(study):
 
 def test_the_simulation_did_not_run_the_stated_model(study):
     force, _, ground = speeds()
-    steady = terminal(force, 55.76, 23.67)
+    steady = speed_of_drag(55.76, 23.67, force)
     assert steady == pytest.approx([0.0697, 0.1357, 0.1985, 0.2586, 0.3162], abs=1e-4)
     assert (1 - ground / steady).min() > 0.13
     assert study.line("simulation", "surge, linear damping, ground truth").derived == pytest.approx(63.8, abs=0.05)
@@ -118,7 +119,7 @@ def test_the_empirical_method_says_what_follows_and_what_does_not(study):
 def test_without_pymoo_all_but_the_search_is_derived(monkeypatch):
     from rovtwin.identification.thesis import simulation
 
-    monkeypatch.setattr(simulation, "find_spec", lambda name: None)
+    monkeypatch.setattr(simulation, "installed", lambda name: False)
     line = simulation.simulation_section().lines[-1]
     assert line.derived is None and "rovtwin[nsga]" in line.reason
 

@@ -1,4 +1,4 @@
-"""ClockMap, Due and the rotations on the host."""
+"""ClockMap and Due."""
 
 import math
 
@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rovtwin.core import frames
 from rovtwin.links.clock import ClockMap, Due
-from rovtwin.links.rotations import euler_from_rotation, rotation_from_euler, turn_about_z
 
 
 def run(clock: ClockMap, device: np.ndarray, arrival: np.ndarray) -> np.ndarray:
@@ -138,14 +136,3 @@ def test_due_after_a_gap_and_from_the_start_again():
         *(True, False, True),
         *(True, False, True),
     ]
-
-
-@given(st.tuples(*[st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)]))
-def test_rotations_are_those_of_frames(angles):
-    R = rotation_from_euler(np.array(angles))
-    np.testing.assert_allclose(R, np.asarray(frames.rotation_from_euler(np.array(angles))), atol=1e-6)
-    np.testing.assert_allclose(euler_from_rotation(R), angles, atol=1e-7)
-
-
-def test_turn_about_z_is_clockwise_from_above():
-    np.testing.assert_allclose(turn_about_z(math.pi / 2) @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)

@@ -9,6 +9,7 @@ from tests.runs.test_on_board import scenario as with_parts
 
 import rovtwin.live.connect as connecting
 from rovtwin.core import numerics
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
 from rovtwin.core.flow import Command, Measurement
@@ -16,7 +17,6 @@ from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
 from rovtwin.links.registry import parse
-from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.live import flight as live
 from rovtwin.live import readiness
 from rovtwin.live.connect import connect, described, on_this_machine, source

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.cli.flight.runs import _closing_table
+from rovtwin.core.arrays.rotations import euler_from_rotation
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import rotation_from_euler
@@ -20,7 +21,6 @@ from rovtwin.gnc.experiment import HoldingGains, mixing
 from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.planning.records import _signal, experiment_records, free_spans
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.run.verdict import verdict
@@ -239,7 +239,7 @@ def _matrix(euler):
 
 
 def _euler(R):
-    return euler_from_matrices(np.asarray(R)[None])[0]
+    return euler_from_rotation(np.asarray(R)[None])[0]
 
 
 @pytest.mark.slow

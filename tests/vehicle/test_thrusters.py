@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.vehicle.random_vehicles import build
 
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle.physics.thrusters import (
@@ -13,6 +14,7 @@ from rovtwin.vehicle.physics.thrusters import (
     command_for_force,
     force_just_after,
     force_limits,
+    half_steps,
     lag,
     static_force,
     thrusters_from,
@@ -197,3 +199,12 @@ def test_slope_is_that_of_differences(kind):
 def test_inverse_has_a_finite_gradient_at_no_force():
     slope = jax.grad(lambda f: command_for_force(curves(5, "power"), f).sum())(jnp.zeros(N))
     assert np.isfinite(slope).all()
+
+
+def test_half_steps_are_those_of_two_steps_of_half_the_length():
+    thrusters = build(3, count=4).thrusters
+    force, target = jnp.linspace(-3.0, 2.0, thrusters.count), static_force(thrusters, jnp.full(thrusters.count, 0.6))
+    begin, middle, end = half_steps(thrusters, force, target, 0.2)
+    np.testing.assert_array_equal(begin, force_just_after(thrusters, force, target))
+    np.testing.assert_allclose(middle, lag(thrusters, begin, target, 0.1), rtol=1e-14)
+    np.testing.assert_allclose(end, lag(thrusters, begin, target, 0.2), rtol=1e-12, atol=1e-12)

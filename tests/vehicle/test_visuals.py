@@ -5,12 +5,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.analysis.urdf import urdf
 from rovtwin.vehicle.analysis.visuals import pieces_of
 from rovtwin.vehicle.description.identified import fingerprint
-from rovtwin.vehicle.solids.placement import rotation_zyx
 
 FLU = np.diag([1.0, -1.0, -1.0])
 PART = {
@@ -32,7 +32,7 @@ def numbers(text):
 
 
 def rotation(element):
-    return rotation_zyx(numbers(element.find("origin").get("rpy")))
+    return rotation_from_euler(numbers(element.find("origin").get("rpy")))
 
 
 @pytest.mark.parametrize("name", list_library())
@@ -65,7 +65,7 @@ def test_urdf_turns_everything_to_forward_left_up():
     robot = ElementTree.fromstring(urdf(vehicle))
     cylinder, sphere, box = robot.findall("link/visual")
     assert np.allclose(numbers(cylinder.find("origin").get("xyz")), [0.1, -0.2, -0.3])
-    axis = rotation_zyx(np.radians([0, 30, 40])) @ [1, 0, 0]  # ours along x, URDF's along z
+    axis = rotation_from_euler(np.radians([0, 30, 40])) @ [1, 0, 0]  # ours along x, URDF's along z
     assert np.allclose(rotation(cylinder) @ [0, 0, 1], FLU @ axis)
     assert sphere.find("geometry/sphere").get("radius") == "0.2"
     assert np.allclose(numbers(sphere.find("material/color").get("rgba")), [1.0, 128 / 255, 0.0, 1.0])
@@ -74,7 +74,7 @@ def test_urdf_turns_everything_to_forward_left_up():
     ours = FLU @ vehicle.assembly.solid.inertia @ FLU
     assert [I["ixx"], I["ixy"], I["ixz"], I["iyz"]] == pytest.approx([ours[0, 0], ours[0, 1], ours[0, 2], ours[1, 2]])
     (joint,) = robot.findall("joint")
-    looks = rotation_zyx(np.radians([0, -20, 10])) @ [1, 0, 0]  # the camera's x is OpenCV's z
+    looks = rotation_from_euler(np.radians([0, -20, 10])) @ [1, 0, 0]  # the camera's x is OpenCV's z
     assert np.allclose(rotation(joint) @ [0, 0, 1], FLU @ looks)
     assert np.allclose(numbers(joint.find("origin").get("xyz")), [0.3, -0.1, 0.2])
 
@@ -83,7 +83,7 @@ def test_urdf_turns_everything_to_forward_left_up():
 def test_urdf_angles_hold_straight_up_and_down(pitch):
     part = PART | {"visuals": [{"box": [1, 2, 3], "attitude_deg": [25, pitch, 40]}]}
     (visual,) = ElementTree.fromstring(urdf(vehicle_from_dict(part))).findall("link/visual")
-    assert np.allclose(rotation(visual), FLU @ rotation_zyx(np.radians([25, pitch, 40])) @ FLU, atol=1e-7)
+    assert np.allclose(rotation(visual), FLU @ rotation_from_euler(np.radians([25, pitch, 40])) @ FLU, atol=1e-7)
 
 
 def test_looks_leave_an_identification_valid():

@@ -10,13 +10,12 @@ import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.util import find_spec
 from typing import Any, Protocol
 
 from rovtwin._version import __version__
 from rovtwin.campaign.flying import Row, fly_samples
-from rovtwin.campaign.packages import require
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.core.extras import installed, require
 from rovtwin.core.trust import consent
 
 Stopped = Callable[[], bool]
@@ -149,7 +148,7 @@ def on_this_machine(count: int) -> Iterator[Workers]:
     if count == 1:
         yield Here()
         return
-    require("distributed")
+    require("distributed", "campaign", "a campaign of several processes")
     from distributed import Client, LocalCluster
 
     options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}
@@ -172,7 +171,7 @@ def at_scheduler(address: str) -> Iterator[Workers]:
     Raises:
         ConfigError: Nobody answers there.
     """
-    require("distributed")
+    require("distributed", "campaign", "a campaign of several processes")
     from distributed import Client
 
     try:
@@ -193,8 +192,8 @@ def on_slurm(jobs: int) -> Iterator[Workers]:
     Raises:
         ConfigError: dask-jobqueue is not installed or not configured, or SLURM is not there.
     """
-    require("distributed")
-    if find_spec("dask_jobqueue") is None:
+    require("distributed", "campaign", "a campaign of several processes")
+    if not installed("dask_jobqueue"):
         raise ConfigError(
             "--slurm: needs the package dask-jobqueue, which is not installed. Install it (pip install dask-jobqueue), "
             "or start `dask scheduler` and `dask worker` in jobs of your own and give --scheduler tcp://HOST:8786"

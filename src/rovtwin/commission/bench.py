@@ -13,9 +13,9 @@ import numpy as np
 
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.log import Log
 from rovtwin.core.sensors import ESSENTIAL, SENSORS, kind_of
-from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.live.record import record
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import rotated, sensors_of
@@ -169,7 +169,7 @@ def _gravity(found: dict[str, Readings], turned: dict[str, np.ndarray]) -> Itera
         text = f"specific force is {size:.3g} m/s2 at rest, expected {GRAVITY:g}."
         yield Check("stop", "accelerometer", text, "Check its unit (g, mm/s2) and scale.")
         return
-    R_ns = matrices_from_euler(attitude.value[len(attitude.value) // 2][None])[0]
+    R_ns = rotation_from_euler(attitude.value[len(attitude.value) // 2][None])[0]
     vertical = R_ns @ turned.get("attitude", np.eye(3)).T  # R_nb
     expected = turned.get("accelerometer", np.eye(3)).T @ (vertical.T @ np.array([0.0, 0.0, -1.0]))
     apart = _angle(force.mean, expected)

@@ -4,7 +4,6 @@ The process is below all others in priority: neither the autopilot nor the pages
 disk, a copy of the log so far, and knows nothing of the engine.
 """
 
-import multiprocessing
 import signal
 import tempfile
 import time
@@ -19,7 +18,7 @@ import numpy as np
 from rovtwin.core.errors import LogError, RovtwinError
 from rovtwin.core.log import repair
 from rovtwin.core.log.reader import is_finished
-from rovtwin.core.processes.urgent import start_below
+from rovtwin.core.processes.child import end, started
 from rovtwin.identification.checks.check import AXIS_NAMES, check_record
 from rovtwin.identification.checks.findings import RANK, Finding
 from rovtwin.identification.joint.model.couplings import place_of
@@ -137,11 +136,7 @@ class AssessProcess:
     """The process, seen from the web server; one log at a time."""
 
     def __init__(self, tested: Subject):
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_main, args=(theirs, tested), daemon=True, name="rovtwin-assess")
-        start_below(self._process, NICE)
-        theirs.close()  # or its end would never be seen closed here
+        self._process, self._pipe = started(_main, tested, name="rovtwin-assess", nice=NICE)
 
     def ask(self, log: Path, final: bool) -> None:
         """Look at a log; what comes of it are the next answers, until an empty one."""
@@ -159,11 +154,7 @@ class AssessProcess:
 
     def close(self) -> None:
         """End the process."""
-        self._pipe.close()
-        self._process.join(ENDING)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        end(self._process, self._pipe, ENDING)
 
 
 def _main(pipe: Connection, tested: Subject) -> None:

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovtwin.console.pictures import RATE, Developer, Give, Picture, Wait
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.frames import rotation_from_euler
-from rovtwin.core.numerics import jax
 from rovtwin.core.vision import opencv
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.camera.renderer import Renderer
@@ -37,8 +36,6 @@ Pose = tuple[float, np.ndarray]
 """Time [s] and eta, shape (6,)."""
 Source = Callable[[], Pose | None]
 """Gives the newest true pose, None before the first; called in the camera's process, so it must pickle."""
-
-_rotation = jax.jit(rotation_from_euler)
 
 
 def section_of(scenario: Scenario, vehicle: Vehicle, scene: str | None = None) -> CameraSection:
@@ -126,7 +123,7 @@ class Eye:
         """From a pose, shape (6,)."""
         renderer = self._renderer(self._sizes.width)
         begun, cost = time.monotonic(), time.process_time()
-        image = renderer.image(eta[:3], np.asarray(_rotation(np.asarray(eta[3:], float))))
+        image = renderer.image(eta[:3], rotation_from_euler(eta[3:]))
         picture = self._developed(t, image)
         cost = time.process_time() - cost
         self._sizes.took(cost, time.monotonic() - begun)

@@ -3,7 +3,6 @@
 The process runs below the autopilot and the web server in priority, and leaves out pictures rather than lag.
 """
 
-import multiprocessing
 import os
 import signal
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import RovtwinError
-from rovtwin.core.processes.urgent import start_below
+from rovtwin.core.processes.child import end, started
 from rovtwin.core.vision import opencv
 from rovtwin.positioning.images.detection import Detector
 from rovtwin.simulation.scene import Scene
@@ -85,11 +84,7 @@ class PictureProcess:
     """The process, seen from the web server. Leave it with `close`, or use it as a context manager."""
 
     def __init__(self, feed: Feed):
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_main, args=(theirs, feed), daemon=True, name="rovtwin-camera")
-        start_below(self._process, NICE)
-        theirs.close()  # or its end would never be seen closed here
+        self._process, self._pipe = started(_main, feed, name="rovtwin-camera", nice=NICE)
         self.why = ""
         """Why there are no pictures any more; empty while there may be."""
 
@@ -115,11 +110,7 @@ class PictureProcess:
     def close(self) -> None:
         """End the process; may be called twice."""
         self.why = self.why or "closed"
-        self._pipe.close()
-        self._process.join(ENDING)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        end(self._process, self._pipe, ENDING)
 
     def __enter__(self) -> "PictureProcess":
         return self

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import multiprocessing
 import signal
 import threading
 import traceback
@@ -14,7 +13,7 @@ from typing import Any
 
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.processes.aside import travels
-from rovtwin.core.processes.urgent import start_below
+from rovtwin.core.processes.child import started
 
 NICE = 5
 MOST_WAITING = 16  # calls at a time, with the one that is worked on
@@ -108,11 +107,7 @@ class Worker:
     def _started(self) -> Connection:
         """The pipe to the process, which is started where it does not run."""
         if self._pipe is None or self._process is None or not self._process.is_alive():
-            context = multiprocessing.get_context("spawn")
-            self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_main, args=(theirs,), daemon=True, name="rovtwin-worker")
-            start_below(self._process, NICE)
-            theirs.close()  # or its end would never be seen closed here
+            self._process, self._pipe = started(_main, name="rovtwin-worker", nice=NICE)
         return self._pipe
 
 

@@ -68,6 +68,12 @@ class Slot(eqx.Module):
     def empty(cls, capacity: int, size: int) -> "Slot":
         return cls(jnp.zeros((capacity, size)), jnp.zeros(capacity, dtype=bool), jnp.zeros(capacity))
 
+    def newest(self, before: Array) -> Array:
+        """The last reading; what is known from before where there is none."""
+        for row in range(self.valid.shape[0]):
+            before = jnp.where(self.valid[row], self.value[row], before)
+        return before
+
 
 Measurements = dict[str, Slot]
 
@@ -118,6 +124,21 @@ class Estimate(eqx.Module):
     nis_dof: Array
     wave: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
     bias_std: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+
+    @property
+    def slow_position(self) -> Array:
+        """Where CO is but for the waves, n [m], shape (3,)."""
+        return self.eta[:3] - self.wave[:3]
+
+    def slow_velocity(self, to_b: Array) -> Array:
+        """Velocity over ground but for the waves, b [m/s], shape (n,); R_bn or its level part given, shape (n, n)."""
+        n = to_b.shape[0]
+        return self.nu[:n] - to_b @ self.wave[3 : 3 + n]
+
+    def slow_velocity_n(self, to_n: Array) -> Array:
+        """The same in n; R_nb or its level part given, shape (n, n)."""
+        n = to_n.shape[0]
+        return to_n @ self.nu[:n] - self.wave[3 : 3 + n]
 
 
 class Waypoint(eqx.Module):

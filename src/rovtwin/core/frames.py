@@ -51,6 +51,19 @@ def rotation_from_euler(euler: Array) -> Array:
     )
 
 
+def heading_rotation(heading: Array) -> Array:
+    """From ahead and starboard to north and east, level, shape (2, 2), of a heading [rad]."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
+
+
+def yaw_rotation(heading: Array) -> Array:
+    """R_nb of a level vehicle, shape (3, 3), of a heading [rad]."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    zero, one = jnp.zeros_like(c), jnp.ones_like(c)
+    return jnp.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
+
+
 def euler_rate_matrix(euler: Array) -> Array:
     """T(Theta), shape (3, 3), with Theta_dot = T omega; singular at theta = +-pi/2. Fossen (2021), eq. 2.41."""
     cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
@@ -86,6 +99,17 @@ def quaternion_rate(q: Array, omega: Array) -> Array:
 def quaternion_normalise(q: Array) -> Array:
     """The unit quaternion along q."""
     return q / jnp.sqrt(jnp.sum(q * q))
+
+
+def quaternion_turned(q: Array, half: Array) -> Array:
+    """q, shape (4,), after a small rotation in b, half of it given [rad], shape (3,): exact to second order."""
+    return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
+
+
+def rotation_between(a: Array, b: Array) -> Array:
+    """The small rotation in b that turns quaternion b into a [rad], shape (3,): exact to second order."""
+    q = quaternion_multiply(quaternion_conjugate(b), a)
+    return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
 
 
 def quaternion_from_euler(euler: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.extras import imported
 
 
 def opencv(what: str = "finding markers") -> Any:
@@ -14,8 +14,4 @@ def opencv(what: str = "finding markers") -> Any:
     Raises:
         ConfigError: It is not installed; says how to get it.
     """
-    try:
-        import cv2
-    except ImportError as missing:
-        raise ConfigError(f"{what} needs OpenCV: pip install 'rovtwin[vision]'") from missing
-    return cv2
+    return imported("cv2", "vision", f"{what} by OpenCV")

@@ -23,7 +23,7 @@ from rovtwin.core.flow import (
     Setpoint,
     Wrench,
 )
-from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap, yaw_rotation
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_PAUSED
 from rovtwin.gnc.mounting import Mount, at_co
@@ -224,23 +224,16 @@ class Experiment(Block):
 
     def _listen(self, before: RawEstimate, measurements: Measurements, dt: float) -> RawEstimate:
         """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""
-
-        def newest(name: str, old: Array) -> Array:
-            slot = measurements[name]
-            for row in range(slot.valid.shape[0]):
-                old = jnp.where(slot.valid[row], slot.value[row], old)
-            return old
-
         ahead = before.position + dt * before.velocity
-        seen = jnp.concatenate([newest("position", ahead[:2]), newest("pressure", ahead[2:])])
-        surprise = seen - ahead
+        seen = [measurements["position"].newest(ahead[:2]), measurements["pressure"].newest(ahead[2:])]
+        surprise = jnp.concatenate(seen) - ahead
         quiet = jnp.where(jnp.any(measurements["position"].valid), 0.0, before.quiet + dt)
         return RawEstimate(
             # The first position after a silence is accepted as it is: what was expected is worth nothing.
             ahead + jnp.where(before.lost, 1.0, self.smoothing) * surprise,
             jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, before.velocity + self.tracking * surprise),
-            newest("attitude", before.euler),
-            newest("gyro", before.rates),
+            measurements["attitude"].newest(before.euler),
+            measurements["gyro"].newest(before.rates),
             quiet,
         )
 
@@ -260,7 +253,7 @@ def mixing(model: Model) -> np.ndarray:
 
 def _away(home: Array, raw: RawEstimate) -> tuple[Array, Array]:
     """Way home along level axes that turn with the heading, and the speed along them, shapes (6,)."""
-    level = rotation_from_euler(raw.euler * jnp.asarray([0.0, 0.0, 1.0])).T
+    level = yaw_rotation(raw.euler[2]).T
     turn = wrap(home[5:] - raw.euler[2:])
     tilt = jnp.zeros(2)
     # Where nobody knows the place, it is taken to be home: no thruster looks for it blindly.

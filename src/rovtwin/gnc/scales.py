@@ -20,6 +20,7 @@ import numpy as np
 from rovtwin.vehicle.analysis.stability import by_products, steady_speed
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.actuation import axis_limits, size, wrench_limits
+from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
@@ -136,12 +137,6 @@ class VehicleScales:
         return 4.3004e-5 * self.weight / (self.length / GRAVITY) ** 0.25
 
 
-def righting(model: Model) -> np.ndarray:
-    """Moment per angle that rights the vehicle in roll and pitch [N m/rad], shape (6,)."""
-    stiffness = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
-    return np.array([0.0, 0.0, 0.0, stiffness, stiffness, 0.0])
-
-
 def straight(model: Model) -> np.ndarray:
     """Least bandwidth of roll, pitch and yaw that holds the vehicle straight at its top speed [rad/s], shape (6,).
 
@@ -154,7 +149,7 @@ def straight(model: Model) -> np.ndarray:
     added = np.diagonal(np.asarray(model.added_mass))
     turning = np.zeros(6)
     turning[3:] = (added[2] - added[1]) * aside**2, (added[2] - added[0]) * ahead**2, (added[1] - added[0]) * ahead**2
-    stiffness = np.maximum(STRAIGHT * np.maximum(turning, 0.0) - righting(model), 0.0)
+    stiffness = np.maximum(STRAIGHT * np.maximum(turning, 0.0) - restoring_stiffness(model), 0.0)
     return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.inertia))), LAGGED / _lag(model))
 
 
@@ -183,7 +178,7 @@ def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
     """
     controlled = bandwidth**2 * np.diagonal(np.asarray(model.inertia))
     a_x, a_y, a_z = np.diagonal(np.asarray(model.added_mass))[:3]
-    roll, pitch = np.maximum(righting(model) + controlled, 0.0)[3:5]
+    roll, pitch = np.maximum(restoring_stiffness(model) + controlled, 0.0)[3:5]
 
     def level(stiffness: float, turning: float) -> float:
         return np.sqrt(0.5 * stiffness / turning) if turning > 0.0 else ANY
@@ -194,7 +189,7 @@ def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
 
 def _upright_dive(model: Model) -> float:
     """Speed up or down whose thrust tilts the vehicle by TILT, where it sits beside CG [m/s]; ANY where it does not."""
-    lever, stiffness = np.abs(by_products(model))[:, HEAVE], np.maximum(righting(model)[3:5], 0.0)
+    lever, stiffness = np.abs(by_products(model))[:, HEAVE], np.maximum(restoring_stiffness(model)[3:5], 0.0)
     tilts = lever * float(np.abs(axis_limits(model))[:, HEAVE].max()) > np.tan(TILT) * stiffness
     force = min((np.tan(TILT) * stiffness / np.maximum(lever, 1e-12))[tilts], default=np.inf)
     return min(steady_speed(model, HEAVE, force), steady_speed(model, HEAVE, -force), ANY)

@@ -3,7 +3,6 @@
 What goes on in that process is in `host`.
 """
 
-import multiprocessing
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link
+from rovtwin.core.processes.child import end, started
 from rovtwin.links import host
 from rovtwin.links.host import Opener, writable
 
@@ -42,7 +42,7 @@ class RemoteLink(Link):
         Raises:
             LinkError: The vehicle cannot be reached.
         """
-        self._process = self._start(opener, thrusters, stop_at)
+        self._process, self._pipe = started(host.main, opener, thrusters, stop_at, name="rovtwin-link")
         self._failed: str | None = None
         self._readings: list[Measurement] = []
         self._begun, self._open, self._stopped, self._closed = False, False, False, False
@@ -56,16 +56,6 @@ class RemoteLink(Link):
         if not self._open:
             self.close()
             raise LinkError(self._failed or self._nobody(patience))
-
-    def _start(self, opener: Opener, thrusters: int, stop_at: Path | None) -> Any:
-        """Start the host at the other end of `_pipe`; what it runs in."""
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        arguments = (theirs, opener, thrusters, stop_at)
-        process = context.Process(target=host.main, args=arguments, daemon=True, name="rovtwin-link")
-        process.start()
-        theirs.close()  # or it would never be seen closed here
-        return process
 
     def _nobody(self, patience: float) -> str:
         """What to say when nothing came in time."""
@@ -153,11 +143,8 @@ class RemoteLink(Link):
             return
         self.stop()
         self._closed = True
-        self._pipe.close()  # the host stops and closes the link when it sees this, whatever it has received
-        self._process.join(ENDING)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        # The host stops and closes the link when it sees the pipe closed, whatever it has received.
+        end(self._process, self._pipe, ENDING)
 
     def _tell(self, kind: str, content: object) -> None:
         # A host that hangs does not read: what it would not hear in time is not said, so that nobody hangs with it.

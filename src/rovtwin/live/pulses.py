@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import utc_now
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
@@ -16,7 +17,6 @@ from rovtwin.core.link import Link, Source
 from rovtwin.core.log import LogWriter
 from rovtwin.core.numerics import Array
 from rovtwin.core.user_files.jsontext import to_json
-from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.live.flight import metadata_of
 from rovtwin.live.readiness import SensorMux, listen
 from rovtwin.live.recorder import live_channels
@@ -202,7 +202,7 @@ class _Run:
             self._writer.write(f"sensor/{reading.sensor}", t, np.append(value, reading.t_valid))
             self._counts[reading.sensor] = self._counts.get(reading.sensor, 0) + 1
             if reading.sensor == "attitude":
-                R_nb = matrices_from_euler(value[None])[0] @ self._to_body
+                R_nb = rotation_from_euler(value[None])[0] @ self._to_body
                 tilt = float(np.arccos(np.clip(R_nb[2, 2], -1.0, 1.0)))
                 if tilt > self._guard.tilt:
                     most = np.degrees(self._guard.tilt)

@@ -19,9 +19,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.frames import (
-    cross,
-    quaternion_conjugate,
-    quaternion_multiply,
+    rotation_between,
     rotation_from_quaternion,
     skew,
 )
@@ -37,6 +35,7 @@ from rovtwin.monitoring.state import (
     Motion,
     linearised,
 )
+from rovtwin.vehicle.physics.measurement import velocity_of_point
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import lag
 
@@ -217,9 +216,8 @@ class MotionFilter(eqx.Module):
         """Readings less what is expected, shape (12,), and slopes of what is expected, shape (12, 23)."""
         x, nu_dot, age = memory.x, memory.nu_dot, now.age
         R_nb, omega = rotation_from_quaternion(x.attitude), x.nu[3:]
-        q = quaternion_multiply(quaternion_conjugate(x.attitude), now.attitude)
-        turned = 2.0 * q[1:] * jnp.where(q[0] < 0.0, -1.0, 1.0) + age[1] * omega
-        v = x.nu[:3] + cross(omega, self.levers.velocity)
+        turned = rotation_between(now.attitude, x.attitude) + age[1] * omega
+        v = velocity_of_point(x.nu, self.levers.velocity)
         residuals = [
             now.gyro - (omega - age[0] * nu_dot[3:] + x.gyro_bias),
             turned,

@@ -1,8 +1,8 @@
 """Readings of a record, laid on the filter's steps: averages, how old they are, and their noise."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from rovtwin.core.arrays.rotations import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.monitoring.filter import Levers, Seen
@@ -59,7 +59,7 @@ def seen(model: Model, record: Record, h: float) -> Seen:
         number = np.ones(steps) if name == "attitude" else np.maximum(count, 1)
         variance[there, rows] = (sigma**2 / number[:, None] + FLOOR[name] ** 2)[there]
         if name == "attitude":
-            values[name][at], age[at, i] = quaternions(value), ends[at] - t
+            values[name][at], age[at, i] = quaternion_from_euler(value), ends[at] - t
             continue
         for column in range(value.shape[1]):
             values[name][:, column] = np.bincount(at, value[:, column], steps) / np.maximum(count, 1)
@@ -87,8 +87,3 @@ def _targets(model: Model, record: Record, ends: np.ndarray, h: float) -> np.nda
 @jax.jit
 def _forces(model: Model, command: jax.Array) -> jax.Array:
     return jax.vmap(lambda u: static_force(model.thrusters, u))(command)
-
-
-def quaternions(euler: np.ndarray) -> np.ndarray:
-    """Scalar first, of zyx Euler angles [phi, theta, psi], shape (m, 4). Of any number without compiling."""
-    return np.roll(Rotation.from_euler("ZYX", euler[:, ::-1]).as_quat(), 1, axis=1)

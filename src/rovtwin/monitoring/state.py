@@ -17,9 +17,8 @@ import equinox as eqx
 
 from rovtwin.core.frames import (
     cross,
-    quaternion_conjugate,
-    quaternion_multiply,
-    quaternion_normalise,
+    quaternion_turned,
+    rotation_between,
     rotation_from_quaternion,
 )
 from rovtwin.core.numerics import Array, jax, jnp
@@ -62,10 +61,9 @@ class Motion(eqx.Module):
 
     def moved(self, error: Array) -> "Motion":
         """The state with an error, shape (23,), added; that of the attitude is a small rotation seen from b."""
-        turn = jnp.concatenate([jnp.ones(1), 0.5 * error[ATTITUDE]])
         return Motion(
             self.position + error[POSITION],
-            quaternion_normalise(quaternion_multiply(self.attitude, turn)),
+            quaternion_turned(self.attitude, 0.5 * error[ATTITUDE]),
             self.nu + error[VELOCITY.start : RATE.stop],
             self.force + error[FORCE],
             self.moment + error[MOMENT],
@@ -75,8 +73,8 @@ class Motion(eqx.Module):
 
     def away(self, other: "Motion") -> Array:
         """The error that takes `other` to this state, shape (23,)."""
-        q = quaternion_multiply(quaternion_conjugate(other.attitude), self.attitude)
-        parts = [self.position - other.position, 2.0 * q[1:] * jnp.where(q[0] < 0.0, -1.0, 1.0), self.nu - other.nu]
+        turn = rotation_between(self.attitude, other.attitude)
+        parts = [self.position - other.position, turn, self.nu - other.nu]
         parts += [getattr(self, name) - getattr(other, name) for name in ("force", "moment", "current", "gyro_bias")]
         return jnp.concatenate(parts)
 
@@ -110,8 +108,7 @@ def stepped(model: Model, inverse: Array, x: Motion, thrust: Array, h: float) ->
 
     def onward(rates: Motion, nu_dot: Array, h: float) -> Motion:
         R_nb = rotation_from_quaternion(rates.attitude)
-        turn = jnp.concatenate([jnp.ones(1), 0.5 * h * rates.nu[3:]])
-        attitude = quaternion_normalise(quaternion_multiply(x.attitude, turn))
+        attitude = quaternion_turned(x.attitude, 0.5 * h * rates.nu[3:])
         place = x.position + h * (R_nb @ rates.nu[:3])
         return eqx.tree_at(lambda s: (s.position, s.attitude, s.nu), x, (place, attitude, x.nu + h * nu_dot))
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.datum import Datum, coordinates_text, datum_of
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
 from rovtwin.core.log.missions import FlownMission, missions_of, point_name
 from rovtwin.core.user_files.yamlfile import parse_yaml
-from rovtwin.report.series import at, sensor_values, wrapped
+from rovtwin.report.series import at, sensor_values
 
 POSES = ("x", "y", "z", "phi", "theta", "psi")
 VELOCITIES = ("u", "v", "w", "p", "q", "r")

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.log import Series
 
 
@@ -9,11 +10,6 @@ def sensor_values(series: Series) -> np.ndarray:
     """Readings without the column of the sensor's own time, shape (N, n)."""
     columns = [k for k, field in enumerate(series.channel.fields) if field not in ("t_valid", "valid")]
     return series.values[:, columns]
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """The same angles in [-pi, pi) [rad]."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def at(series: Series, t: np.ndarray, angles: slice = slice(0, 0)) -> np.ndarray:

@@ -16,7 +16,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.simulation.checks import require_not_negative, require_positive, require_probability, require_shape
-from rovtwin.vehicle.physics.thrusters import Thrusters, force_just_after, lag, static_force
+from rovtwin.vehicle.physics.thrusters import Thrusters, half_steps, static_force
 
 
 class BatteryInput(eqx.Module):
@@ -134,7 +134,6 @@ def forces_within(thrusters: Thrusters, command: Command, before: Array, ends: A
         ends: Forces after each step, shape (steps, n).
         dt: Length of a step [s].
     """
-    target = static_force(thrusters, command.u)
-    begin = force_just_after(thrusters, jnp.concatenate([before[None], ends[:-1]]), target)
-    middle = lag(thrusters, begin, target, 0.5 * dt)
+    starts = jnp.concatenate([before[None], ends[:-1]])
+    begin, middle, _ = half_steps(thrusters, starts, static_force(thrusters, command.u), dt)
     return jnp.stack([begin, middle, ends], axis=1)

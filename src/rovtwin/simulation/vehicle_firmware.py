@@ -16,7 +16,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Measurements
-from rovtwin.core.frames import wrap
+from rovtwin.core.frames import heading_rotation, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.vehicle.physics.actuation import BY_PRODUCT, reachable_share
 from rovtwin.vehicle.physics.thrusters import Thrusters, command_for_force, force_limits
@@ -125,7 +125,7 @@ class Onboard(Block):
         on = commanded & input.known
         rate = stick * as_array(RATE) * on
         held = self._held(memory, order, eta, on, rate, dt)
-        away = _turned(held - eta, eta[5], -1.0)
+        away = _turned(held - eta, heading_rotation(eta[5]).T)
         away = jnp.clip(away, -as_array(REACH), as_array(REACH))
         w = self.frequency
         desired = self.inertia * (w**2 * away + 2.0 * w * (rate - input.nu)) + memory.integral
@@ -139,7 +139,7 @@ class Onboard(Block):
 
     def _held(self, memory: OnboardMemory, order: Order, eta: Array, on: Array, rate: Array, dt: float) -> Array:
         """Pose to hold: that of when the hold came on, moved by sticks, or the target."""
-        moved = memory.held + _turned(rate, eta[5], 1.0) * dt
+        moved = memory.held + _turned(rate, heading_rotation(eta[5])) * dt
         # While a stick moves what is held it does not run ahead of a vehicle that cannot follow.
         offset = _shortest(moved - eta)
         near = eta + jnp.clip(offset, -as_array(REACH), as_array(REACH))
@@ -168,11 +168,9 @@ def _axes(order: Order) -> Array:
     return jnp.stack([place, place, depth, level, level, heading])
 
 
-def _turned(vector: Array, psi: Array, way: float) -> Array:
-    """North and east of a six-vector turned by the heading (way 1: from ahead and starboard), the rest as it is."""
-    c, s = jnp.cos(psi), way * jnp.sin(psi)
-    x, y = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
-    return jnp.concatenate([jnp.stack([x, y]), vector[2:]])
+def _turned(vector: Array, to: Array) -> Array:
+    """The level part of a six-vector turned by a matrix (2, 2), the rest as it is."""
+    return jnp.concatenate([to @ vector[:2], vector[2:]])
 
 
 def _shortest(difference: Array) -> Array:
@@ -222,11 +220,7 @@ class Sense(Block):
         for row in range(pressure.valid.shape[0]):
             depth = jnp.where(pressure.valid[row], self._tracked(depth, pressure.value[row, 0], known), depth)
             known = known | pressure.valid[row]
-        angles, rates = memory.turning[:3], memory.turning[3:]
-        for row in range(attitude.valid.shape[0]):
-            angles = jnp.where(attitude.valid[row], attitude.value[row], angles)
-        for row in range(gyro.valid.shape[0]):
-            rates = jnp.where(gyro.valid[row], gyro.value[row], rates)
+        angles, rates = attitude.newest(memory.turning[:3]), gyro.newest(memory.turning[3:])
         no, turns = jnp.asarray(False), jnp.all(silence[1:] < SILENT)
         eta = jnp.concatenate([jnp.zeros(2), depth[:1], angles])
         nu = jnp.concatenate([jnp.zeros(2), depth[1:], rates])

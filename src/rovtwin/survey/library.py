@@ -2,13 +2,9 @@
 
 from typing import Any
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.extras import imported
 
 
 def shapely_library() -> Any:
     """Shapely, or how to get it."""
-    try:
-        import shapely
-    except ImportError as missing:
-        raise ConfigError("surveys need shapely: pip install 'rovtwin[survey]'") from missing
-    return shapely
+    return imported("shapely", "survey", "a survey")

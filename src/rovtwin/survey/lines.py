@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.survey.library import shapely_library
 from rovtwin.survey.room import Room, Swath
 
@@ -67,8 +68,7 @@ class Lines:
 def lines_of(room: Room, heading: float, lead: float) -> Lines:
     """Lines of a heading [rad] that see `room.target`, with at most `lead` [m] beyond their ends."""
     shapely = shapely_library()
-    c, s = np.cos(heading), np.sin(heading)
-    turn = np.array([[c, -s], [s, c]])  # rows (north, east) times it: along, across
+    turn = heading_rotation(heading)  # rows (north, east) times it: along, across
     target, free = (shapely.transform(region, lambda xy: xy @ turn) for region in (room.target, room.free))
     if target.area < LEAST * room.swath.width**2:
         return Lines(heading, np.nan, [])

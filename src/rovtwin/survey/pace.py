@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.analysis.stability import reach, steady_speed
 from rovtwin.vehicle.physics.model import Model
@@ -98,7 +99,7 @@ class Pace:
         """
         legs = np.diff(points, axis=0)
         course = np.arctan2(legs[:, 1], legs[:, 0])
-        angle = (np.diff(course) + np.pi) % (2.0 * np.pi) - np.pi
+        angle = wrapped(np.diff(course))
         return self.leg(np.linalg.norm(legs, axis=1)), self.turn(angle)
 
 

@@ -11,10 +11,10 @@ import pytest
 from tests.links.sensors import HOST, connect, free_port, is_closed, reading, wait_until
 from tests.links.serving import serving
 
+from rovtwin.core.arrays.rotations import rotation_from_euler, turn_about_z
 from rovtwin.links.qualisys import wire
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.server import QtmServer
-from rovtwin.links.rotations import rotation_from_euler, turn_about_z
 
 qtm_rt = pytest.importorskip("qtm_rt", reason="pip install 'rovtwin[qualisys]'")
 ETA = np.array([1.5, -2.0, 3.0, 0.1, -0.2, 2.5])

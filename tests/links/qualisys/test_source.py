@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from tests.links.sensors import HOST, free_port, peer, reading, wait_until
 from tests.links.serving import serving
 
+from rovtwin.core.arrays.rotations import turn_about_z
 from rovtwin.core.errors import LinkError
 from rovtwin.links.qualisys import wire
 from rovtwin.links.qualisys.guarded import guarded_protocol
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.server import QtmServer
 from rovtwin.links.qualisys.source import QtmSource
-from rovtwin.links.rotations import turn_about_z
 
 pytest.importorskip("qtm_rt", reason="pip install 'rovtwin[qualisys]'")
 ETA = (1.5, -2.0, 3.0, 0.1, -0.2, 2.5)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rovtwin.core.arrays.rotations import rotation_from_euler, turn_about_z
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.links.qualisys import wire
 from rovtwin.links.qualisys.poses import Lab
-from rovtwin.links.rotations import rotation_from_euler, turn_about_z
 
 ANGLE = st.floats(-3.1, 3.1)
 ETA = st.tuples(*[st.floats(-50.0, 50.0)] * 3, ANGLE, st.floats(-1.5, 1.5), ANGLE)

@@ -68,12 +68,6 @@ def test_orientation_is_the_same_attitude_seen_in_the_frames_of_ros(euler):
     np.testing.assert_allclose(frames.rotation_from_euler(back), frames.rotation_from_euler(np.array(euler)), atol=1e-9)
 
 
-def test_quaternion_is_that_of_core_frames():
-    euler = np.array([[0.1, -0.7, 2.0], [-3.0, 1.2, -1.0]])
-    for row, found in zip(euler, convert.quaternion(euler), strict=True):
-        np.testing.assert_allclose(found, frames.quaternion_from_euler(row), atol=1e-15)
-
-
 def test_specific_force_at_rest_points_up():
     at_rest = convert.imu(0.0, accelerometer=[0.0, 0.0, -9.81])
     assert at_rest.linear_acceleration.z == 9.81

@@ -16,6 +16,7 @@ import numpy as np
 
 from rovtwin.campaign.tuning.cost import terms_of
 from rovtwin.campaign.tuning.plants import Plants
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
@@ -127,8 +128,8 @@ def short_mission(scenario: Scenario) -> dict[str, Any]:
     scales, acceptance = VehicleScales.of(model), own_values(Limits.of(model), fastest)["acceptance"]
     dive = round(max(2.5 * scales.dive_speed, acceptance), 2)
     north, east, depth = scenario.start.position
-    psi, long, short = scenario.heading, 15.0 * fastest, 10.0 * fastest
-    ahead, right = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
+    long, short = 15.0 * fastest, 10.0 * fastest
+    ahead, right = heading_rotation(scenario.heading).T
     places = [long * ahead, long * ahead + short * right, long * ahead + short * right]
     rows: list[dict[str, Any]] = [
         {"position": [north + float(p[0]), east + float(p[1]), depth + d], "speed": fastest, "acceptance": acceptance}

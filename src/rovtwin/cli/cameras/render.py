@@ -74,7 +74,7 @@ def _pose(text: str) -> Any:
     """Position and R_nb of "x,y,z,heading" in m and degrees."""
     import numpy as np
 
-    from rovtwin.vehicle.solids.placement import rotation_zyx
+    from rovtwin.core.arrays.rotations import rotation_from_euler
 
     try:
         x, y, z, heading = (float(part) for part in text.split(","))
@@ -82,7 +82,7 @@ def _pose(text: str) -> Any:
         raise ConfigError(f"--at: found '{text}', expected x,y,z,heading such as 3,0.3,0.7,0 (m and degrees)") from None
     if not np.isfinite([x, y, z, heading]).all():
         raise ConfigError(f"--at: found '{text}', expected finite numbers")
-    return np.array([x, y, z]), rotation_zyx(np.array([0.0, 0.0, np.radians(heading)]))
+    return np.array([x, y, z]), rotation_from_euler(np.array([0.0, 0.0, np.radians(heading)]))
 
 
 def _write(path: Path, picture: Any) -> None:

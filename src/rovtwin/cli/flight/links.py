@@ -35,6 +35,8 @@ def links(as_json: AsJson = False) -> None:
 
 def _row(one: "Endpoint") -> dict[str, Any]:
     """An endpoint for a list."""
+    from rovtwin.core.extras import installed
+
     use = [option for option, able in (("--link", one.link), ("--sensor", one.source)) if able is not None]
     module, extra = one.requires or ("", "")
     return {
@@ -46,19 +48,8 @@ def _row(one: "Endpoint") -> dict[str, Any]:
         "sensors": list(one.sensors),
         "served": one.server is not None or one.firmware is not None,
         "extra": extra,
-        "installed": not module or _is_installed(module),
+        "installed": not module or installed(module),
     }
-
-
-def _is_installed(module: str) -> bool:
-    from rovtwin.core.errors import ConfigError
-    from rovtwin.core.extras import require
-
-    try:
-        require(module, "", "")
-    except ConfigError:
-        return False
-    return True
 
 
 def _lines(row: dict[str, Any]) -> list[str]:

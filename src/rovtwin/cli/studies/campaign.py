@@ -63,9 +63,9 @@ def campaign(
         return
     if file is None:
         raise ConfigError("campaign: found no file, expected one such as examples/campaign.yaml, or --schema")
-    from rovtwin.campaign.packages import require
+    from rovtwin.core.extras import require
 
-    require("pyarrow")
+    require("pyarrow", "campaign", "a campaign")
     from rovtwin.campaign.schema import load_campaign
 
     plan = load_campaign(file, samples)

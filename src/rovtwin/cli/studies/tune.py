@@ -53,10 +53,10 @@ def tune(
     Then [bold]rovtwin fly lawnmower_hard --set autopilot=runs/tune-lawnmower_hard/autopilot.yaml[/bold]. Exit code 0:
     better than before on the held-out vehicles; 1: not shown to be (the file is written, too).
     """
-    from rovtwin.campaign.packages import require
+    from rovtwin.core.extras import require
     from rovtwin.scenario.files import load_scenario
 
-    require("cmaes")
+    require("cmaes", "campaign", "tuning")
     from rovtwin.campaign.tuning.cost import weights_of
     from rovtwin.campaign.tuning.parameters import chosen
     from rovtwin.campaign.tuning.result import TuningRequest

@@ -1,1 +1,1 @@
-"""Arrays: batches, pytrees as one vector, integration, small matrices."""
+"""Arrays: batches, pytrees as one vector, integration, small matrices, rotations in NumPy."""

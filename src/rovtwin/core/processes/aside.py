@@ -1,6 +1,5 @@
 """Work that goes on beside: functions called one after the other in a process of their own."""
 
-import multiprocessing
 import pickle
 import signal
 import threading
@@ -11,6 +10,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from rovtwin.core.errors import RovtwinError
+from rovtwin.core.processes.child import end, started
 
 Say = Callable[[str], None]
 Task = Callable[[Say], Any]
@@ -22,12 +22,8 @@ class Aside:
 
     def __init__(self, tasks: Sequence[Task]):
         """Starts the process."""
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_main, args=(theirs, list(tasks)), daemon=True, name="rovtwin-aside")
         with _ctrl_c_ignored():
-            self._process.start()
-        theirs.close()  # or its end would never be seen closed here
+            self._process, self._pipe = started(_main, list(tasks), name="rovtwin-aside")
 
     def result(self, say: Say = lambda what: None) -> Any:
         """What the next task gives; waits for it, and passes on what it says.
@@ -53,9 +49,7 @@ class Aside:
 
     def close(self) -> None:
         """End the process, whatever it is at."""
-        self._pipe.close()
-        self._process.kill()
-        self._process.join()
+        end(self._process, self._pipe, 0.0)
 
     def __enter__(self) -> "Aside":
         return self

@@ -20,17 +20,26 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Setpoint, Wrench
-from rovtwin.core.frames import body_rates_from_euler_rates, cross, rotation_from_euler, wrap
+from rovtwin.core.frames import (
+    body_rates_from_euler_rates,
+    cross,
+    heading_rotation,
+    rotation_from_euler,
+    wrap,
+    yaw_rotation,
+)
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation.shared_thrust import SharedThrust
+from rovtwin.gnc.anti_windup import integrated
 from rovtwin.gnc.control.heave_feedback import HeaveFeedback
 from rovtwin.gnc.control.reference_model import ReferenceModel
 from rovtwin.gnc.guidance.level_allowance import Allowance, LevelAllowance
-from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, turned
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
 from rovtwin.gnc.interfaces import ControlInput
-from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
+from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, straight
 from rovtwin.vehicle.physics.actuation import pushed_axes
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
+from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 ROUNDING = 1e-9  # of a limit: what products of shares change
@@ -62,7 +71,7 @@ class PathReference(Block):
 
     def step(self, memory: Reference, input: Setpoint, dt: float) -> tuple[Reference, Reference]:
         _, smooth = self.model.step(memory, input, dt)
-        R = rotation_from_euler(jnp.array([0.0, 0.0, 1.0]) * input.eta[5])
+        R = yaw_rotation(input.eta[5])
         rate = jnp.concatenate([R @ input.nu[:3], jnp.zeros(3)])
         # What guidance says of the speed is exact; its difference is the acceleration, a tick late.
         change = (rate - memory.eta_dot) / dt
@@ -134,7 +143,7 @@ class Tracking(Block):
         scales = VehicleScales.of(model)
         requested = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
         w = np.maximum(requested, straight(model))
-        rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.inertia))
+        rights = np.maximum(restoring_stiffness(model), 0.0) / np.diagonal(np.asarray(model.inertia))
         able = pushed_axes(model)
         zeta = np.broadcast_to(damping_ratio, 6)
         tilting = HeaveFeedback.of(model, None if bandwidth is None else float(requested[HEAVE]), float(zeta[HEAVE]))
@@ -166,8 +175,8 @@ class Tracking(Block):
         euler = estimate.eta[3:]
         R_nb = rotation_from_euler(euler)
         R_bn, W = R_nb.T, body_rates_from_euler_rates(euler)
-        slow = estimate.eta[:3] - estimate.wave[:3]
-        nu = jnp.concatenate([estimate.nu[:3] - R_bn @ estimate.wave[3:], estimate.nu[3:]])
+        slow = estimate.slow_position
+        nu = jnp.concatenate([estimate.slow_velocity(R_bn), estimate.nu[3:]])
         away = reference.eta[:3] - slow
         # Level and depth apart: a filter that jumps sideways must not take the depth control away.
         level = jnp.minimum(1.0, self.reach / jnp.sqrt(jnp.maximum(away[:2] @ away[:2], 1e-12)))
@@ -204,10 +213,7 @@ class Tracking(Block):
             )
         desired = jnp.where(self.limits.upper > self.limits.lower, input.axes * desired, 0.0)
         tau = self.limits.cut(desired)
-        growth = self.K_i * turned * dt
-        lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
-        winding = (growth * (desired - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
-        moments = jnp.where(winding, memory.moments, memory.moments + growth)
+        moments = integrated(memory.moments, self.K_i * turned * dt, (desired - tau)[3:], input.shortfall[3:])
         cut = jnp.abs(desired - tau) > ROUNDING * self.limits.largest
         return TrackingMemory(moments, level), Wrench(tau, cut)
 
@@ -235,7 +241,7 @@ class Tracking(Block):
             allowed: Factor on the level speed.
         """
         level = self.sustained.level
-        flow = turned(estimate.eta[5]).T @ self.sustained.current(estimate)
+        flow = heading_rotation(estimate.eta[5]).T @ self.sustained.current(estimate)
         down = level.dive(nu[:2] - flow)
 
         def change(velocity: Array) -> Array:
@@ -266,4 +272,4 @@ class Tracking(Block):
     def _through_water(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
         """Velocity through the water, b, shape (6,): the reference's along the axes that follow it."""
         moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
-        return moves.at[:2].add(-turned(estimate.eta[5]).T @ self.sustained.current(estimate))
+        return moves.at[:2].add(-heading_rotation(estimate.eta[5]).T @ self.sustained.current(estimate))

@@ -33,9 +33,9 @@ from rovtwin.core.flow import (
     Estimate,
     Setpoint,
 )
-from rovtwin.core.frames import euler_from_quaternion, wrap
+from rovtwin.core.frames import euler_from_quaternion, heading_rotation, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, significant, slow_place, turned
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, significant
 from rovtwin.gnc.scales import YAW, VehicleScales
 from rovtwin.vehicle.physics.model import Model
 
@@ -119,17 +119,18 @@ class CourseKeeping(Block):
         phase, psi = asked.phase, estimate.eta[5]
         takes = (phase != IDLE) & (phase != ABORTED) & (phase != PILOTED)
         memory = self._begun(memory, asked, estimate)
-        bow, side = turned(psi)[:, 0], turned(psi)[:, 1]
-        away = asked.eta[:2] - slow_place(estimate)[:2]
+        to_n = heading_rotation(psi)
+        bow, side = to_n[:, 0], to_n[:, 1]
+        away = asked.eta[:2] - estimate.slow_position[:2]
 
         estimated = self.sustained.current(significant(estimate))
         current = memory.current + jnp.minimum(dt / self.lag, 1.0) * (estimated - memory.current)
-        along = turned(asked.eta[5]) @ asked.nu[:2]
+        along = heading_rotation(asked.eta[5]) @ asked.nu[:2]
         v = along + self._pull(away)
         w, swept = self.sustained.course(v, current)
         w = self._steerable(w, along, bow)
         # Skidding, it points where the thrust brings its way through the water to w, and not yet along w.
-        made = turned(psi) @ estimate.nu[:2] - estimate.wave[3:5] - current
+        made = estimate.slow_velocity_n(to_n) - current
         aim = w + LEAD * (w - made)
         turns, given_up = self._turns(memory, asked, estimate, w, aim)
         heading = jnp.where(turns, jnp.arctan2(aim[1], jnp.where(turns, aim[0], 1.0)), memory.heading)
@@ -141,8 +142,8 @@ class CourseKeeping(Block):
         drift = current @ side
         over_ground = (surge + current @ bow) * bow + jnp.clip(v @ side, drift - self.aside, drift + self.aside) * side
         beside = jnp.where(self.aside > 0.0, away @ side, 0.0) * side
-        eta = asked.eta.at[:2].set(slow_place(estimate)[:2] + beside).at[5].set(heading)
-        nu = asked.nu.at[:2].set(turned(heading).T @ over_ground)
+        eta = asked.eta.at[:2].set(estimate.slow_position[:2] + beside).at[5].set(heading)
+        nu = asked.nu.at[:2].set(heading_rotation(heading).T @ over_ground)
 
         state = jnp.where(given_up, HEADING_GIVEN_UP, asked.progress.state)
         progress = dataclasses.replace(asked.progress, state=jnp.where(swept, SWEPT, state), current=current)
@@ -153,8 +154,9 @@ class CourseKeeping(Block):
     def _begun(self, memory: CourseMemory, asked: Setpoint, estimate: Estimate) -> CourseMemory:
         """Taken over from others the vehicle goes on as it moves."""
         current = self.sustained.current(significant(estimate))
-        nu = estimate.nu[:2] - turned(estimate.eta[5]).T @ estimate.wave[3:5]
-        surge = nu[0] - (turned(estimate.eta[5]).T @ current)[0]
+        to_b = heading_rotation(estimate.eta[5]).T
+        nu = estimate.slow_velocity(to_b)
+        surge = nu[0] - (to_b @ current)[0]
         begun = CourseMemory(current, surge, estimate.eta[5], jnp.asarray(False), memory.takes)
         return _either(memory.takes, memory, begun)
 
@@ -183,7 +185,7 @@ class CourseKeeping(Block):
         least = self.gain * (self.slack + unknown) * jnp.where(memory.turns, SETTLED, 1.0)
         least = jnp.where(asked.phase == GO, NO_SPEED * self.cruise, least)  # on its way it goes for the point itself
         covered = self.aside * jnp.where(memory.turns, BACK, 1.0)  # else it would turn to and fro at the limit
-        sideways = jnp.abs((turned(asked.eta[5]).T @ w)[1]) - covered
+        sideways = jnp.abs((heading_rotation(asked.eta[5]).T @ w)[1]) - covered
         given_up = asked.fixed_heading & (sideways > least)
         turns = jnp.where(asked.fixed_heading, given_up, jnp.sqrt(aim @ aim + 1e-12) > least)
         held = (asked.phase == HOLD) | (asked.phase == FINISHED) | (asked.phase == DIVE)

@@ -40,7 +40,7 @@ from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
 from rovtwin.gnc.guidance.path import SHORT, Piece, piece_of
-from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, slow_place
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
 from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, GuidanceInput, Mode
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
 from rovtwin.vehicle.constants import GRAVITY
@@ -197,10 +197,10 @@ class PathGuidance(Block):
 
     def _pace(self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> Pace:
         """What thrusters and a vehicle that is behind leave of the point's speed."""
-        away = eta[:2] - slow_place(estimate)[:2]
+        away = eta[:2] - estimate.slow_position[:2]
         behind = jnp.sqrt(away @ away + 1e-12)
         # Over a floor that rises the point waits for a vehicle that is still too deep.
-        behind = jnp.maximum(behind, slow_place(estimate)[2] - eta[2])
+        behind = jnp.maximum(behind, estimate.slow_position[2] - eta[2])
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         possible, after = self._sustained(memory, piece, estimate, eta, direction)
         return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
@@ -276,7 +276,7 @@ class PathGuidance(Block):
 
     def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""
-        at, phase = slow_place(input.estimate), memory.phase
+        at, phase = input.estimate.slow_position, memory.phase
         rests = jnp.abs(input.estimate.nu[2] - input.estimate.wave[5]) < self.rest
         ready = (jnp.abs(at[2] - piece.end[2]) < self.depth_tolerance) & rests
         if not self.steered:
@@ -337,7 +337,7 @@ def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory
     return dataclasses.replace(
         memory,
         phase=jnp.where(begin, DIVE, memory.phase),
-        leg_start=jnp.where(begin, slow_place(estimate)[:2], memory.leg_start),
+        leg_start=jnp.where(begin, estimate.slow_position[:2], memory.leg_start),
     )
 
 

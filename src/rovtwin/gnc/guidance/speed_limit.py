@@ -13,20 +13,16 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.flow import Estimate
-from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.frames import heading_rotation, rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.guidance.level_speed import LevelSpeed
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
+from rovtwin.vehicle.physics.dynamics import speed_of_drag
 from rovtwin.vehicle.physics.model import Model
 
 ALONG = 0.05  # shares of the speed below this are across the axis
 FREE = 100.0  # through the water along an axis that is not to count [m/s]: finite, for gradients
 DRAGLESS = 1e-3  # least linear damping, of which a speed is asked [N s/m]
-
-
-def slow_place(estimate: Estimate) -> Array:
-    """Where the vehicle is but for the waves, n [m], shape (3,)."""
-    return estimate.eta[:3] - estimate.wave[:3]
 
 
 def significant(estimate: Estimate) -> Estimate:
@@ -73,7 +69,7 @@ class AchievableSpeed(eqx.Module):
         some = pushed_axes(model)[:2] & (force.max(axis=0) > 0.0)
         force = np.maximum(force, 0.0)
         level = LevelSpeed.of(model)
-        kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
+        kept_up = np.minimum(np.asarray(speed_of_drag(linear, quadratic, share * force)), np.asarray(level.axes))
         speed = np.where(some, kept_up, FREE)
         mass = _horizontal(model.inertia)[1]
         push = np.where(some, force / mass, FREE)[:, 1]
@@ -81,16 +77,16 @@ class AchievableSpeed(eqx.Module):
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
-        to_n = turned(estimate.eta[5])
-        nu = estimate.nu[:2] - to_n.T @ estimate.wave[3:5]
+        to_n = heading_rotation(estimate.eta[5])
+        nu = estimate.slow_velocity(to_n.T)
         drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
-        speed = _speed(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
+        speed = speed_of_drag(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
         return to_n @ (nu - jnp.sign(drag) * speed)
 
     def through_water(self, estimate: Estimate) -> Array:
         """Velocity through that current, b [m/s, rad/s], shape (6,); rolled or pitched, some of it is along heave."""
         R_nb = rotation_from_euler(estimate.eta[3:])
-        level = turned(estimate.eta[5]).T @ (R_nb @ estimate.nu[:3])[:2]
+        level = heading_rotation(estimate.eta[5]).T @ (R_nb @ estimate.nu[:3])[:2]
         current = self.current(dataclasses.replace(estimate, nu=estimate.nu.at[:2].set(level)))
         return estimate.nu.at[:3].add(-R_nb.T @ jnp.append(current, 0.0))
 
@@ -103,7 +99,7 @@ class AchievableSpeed(eqx.Module):
             current: In n [m/s], shape (2,).
         """
         crab = direction - heading
-        part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), turned(heading).T @ current
+        part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), heading_rotation(heading).T @ current
         counts = jnp.abs(part) > ALONG
         most = self._sided(part, self.most) + jnp.sign(part) * flow
         pushed = jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
@@ -111,7 +107,7 @@ class AchievableSpeed(eqx.Module):
 
     def aside(self, heading: Array, side: Array, current: Array) -> Array:
         """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
-        carried = self._drag(turned(heading).T @ current)[1] / self.mass
+        carried = self._drag(heading_rotation(heading).T @ current)[1] / self.mass
         return jnp.where(side >= 0.0, self.push[0] + carried, self.push[1] - carried)
 
     def aside_speed(self) -> Array:
@@ -141,7 +137,7 @@ class AchievableSpeed(eqx.Module):
             direction: Of the course over ground [rad].
             current: In n [m/s], shape (2,).
         """
-        flow, most = turned(direction).T @ current, self.most[0, 0]
+        flow, most = heading_rotation(direction).T @ current, self.most[0, 0]
         left = most**2 - flow[1] ** 2
         return jnp.where(left > 0.0, flow[0] + jnp.sqrt(jnp.maximum(left, 1e-12)), -jnp.abs(flow[1]))
 
@@ -174,17 +170,6 @@ class AchievableSpeed(eqx.Module):
 
     def _sided(self, sign: Array, of: Array) -> Array:
         return jnp.where(sign >= 0.0, of[0], of[1])
-
-
-def _speed(linear: Any, quadratic: Any, force: Any) -> Array:
-    """Speed whose drag is a force >= 0; in a form that holds without quadratic damping, with a gradient at zero."""
-    return 2.0 * force / (linear + jnp.sqrt(linear**2 + 4.0 * quadratic * force))
-
-
-def turned(heading: Array) -> Array:
-    """From b to n in the plane, shape (2, 2)."""
-    c, s = jnp.cos(heading), jnp.sin(heading)
-    return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
 
 
 def _horizontal(damping: Any) -> np.ndarray:

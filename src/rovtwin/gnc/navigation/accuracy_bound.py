@@ -21,6 +21,8 @@ from typing import Literal
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import as_array
+from rovtwin.vehicle.physics.linearisation import damping_jacobian
 from rovtwin.vehicle.physics.model import Model
 
 When = Literal["mean", "before", "after"]
@@ -120,15 +122,8 @@ def inertial_bound(
 
 def damping_slopes(model: Model, speed: float) -> np.ndarray:
     """d(damping force)/d(velocity) along surge at `speed` and along sway at zero [N s/m], shape (2,)."""
-    at = np.array([speed, 0.0])
-    share = np.where(at > 0, 1.0, np.where(at < 0, 0.0, 0.5))
-
-    def mixed(ahead: object, astern: object) -> np.ndarray:
-        return share * np.diag(np.asarray(ahead))[:2] + (1 - share) * np.diag(np.asarray(astern))[:2]
-
-    linear = mixed(model.linear_damping_ahead, model.linear_damping_astern)
-    quadratic = mixed(model.quadratic_damping_ahead, model.quadratic_damping_astern)
-    return linear + 2.0 * quadratic * np.abs(at)
+    nu = as_array(np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    return np.diagonal(np.asarray(damping_jacobian(model, nu)))[:2]
 
 
 def periodic_sigma(F: np.ndarray, noise: np.ndarray, readings: Sequence[Reading], when: When = "mean") -> float:

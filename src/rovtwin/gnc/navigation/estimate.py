@@ -4,7 +4,6 @@ from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import cross, euler_from_quaternion, euler_rate_matrix, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.gnc.navigation import prediction as motion
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     CURRENT,
@@ -18,6 +17,8 @@ from rovtwin.gnc.navigation.state import (
     NavigationState,
 )
 from rovtwin.gnc.navigation.tuning import Tuning
+from rovtwin.vehicle.physics.dynamics import damping_force
+from rovtwin.vehicle.physics.linearisation import damping_jacobian
 from rovtwin.vehicle.physics.model import Model
 
 
@@ -62,7 +63,7 @@ def _disturbance_std(model: Model, x: NavigationState, P: Array, omega: Array) -
 
     Force in n, force in b, and the current by the slope of the drag; what they have in common is left out.
     """
-    slope = motion.damping_force_slope(model, jnp.concatenate([x.velocity, omega]))[:2, :2]
+    slope = damping_jacobian(model, jnp.concatenate([x.velocity, omega]), 3)[:2, :2]
     level = jnp.concatenate([jnp.diagonal(P)[FORCE_N][:2], jnp.diagonal(P)[FORCE_B]])
     return jnp.sqrt(jnp.sum(level) + jnp.sum(slope**2) * 0.5 * jnp.trace(P[CURRENT, CURRENT]))
 
@@ -73,8 +74,8 @@ def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
     current = R_bn[:, 0] * x.current[0] + R_bn[:, 1] * x.current[1]
     nu, mass = jnp.concatenate([x.velocity, omega]), model.inertia[:3]
     nu_r = jnp.concatenate([x.velocity - current, omega])
-    still = motion.damping_force(model, nu) + cross(omega, mass @ nu)
-    flowing = jnp.exp(x.drag) * motion.damping_force(model, nu_r) + cross(omega, mass @ nu_r)
+    still = damping_force(model, nu) + cross(omega, mass @ nu)
+    flowing = jnp.exp(x.drag) * damping_force(model, nu_r) + cross(omega, mass @ nu_r)
     carried = mass[:, :3] @ cross(omega, current)
     return R_bn @ x.force_n + jnp.append(x.force_b, 0.0) + still - flowing - carried
 

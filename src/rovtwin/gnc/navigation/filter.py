@@ -36,7 +36,7 @@ from rovtwin.gnc.navigation.state import (
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.navigation.wave_estimator import SeaState
 from rovtwin.vehicle.physics.model import Model
-from rovtwin.vehicle.physics.thrusters import force_just_after, lag, static_force
+from rovtwin.vehicle.physics.thrusters import half_steps, static_force
 
 CORRECTING = ("attitude", "pressure", "dvl")  # kinds that are compared with the state after the motion
 
@@ -168,9 +168,8 @@ class NavigationFilter(Block):
     def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:
         """Wrench of the thrusters in the middle of the tick, shape (6,), and their forces at its end, shape (n,)."""
         thrusters = self.model.thrusters
-        target = static_force(thrusters, command.u)
-        halfway = lag(thrusters, force_just_after(thrusters, before, target), target, 0.5 * dt)
-        return thrusters.configuration @ halfway, lag(thrusters, halfway, target, 0.5 * dt)
+        _, halfway, after = half_steps(thrusters, before, static_force(thrusters, command.u), dt)
+        return thrusters.configuration @ halfway, after
 
     def _turning(self, memory: NavigationMemory, slots: Measurements, dt: float) -> tuple[Turning, Array, Array]:
         """Over the tick, omega at its end, and the noise that leaves in the attitude [rad^2/s].
@@ -184,7 +183,7 @@ class NavigationFilter(Block):
         means = [readings.averaged(slot, jnp.zeros(()), 0.0) for slot in gyros]
         counts = [mean.count for mean in means]
         together = readings.joined([mean.value for mean in means], counts, mounts)
-        last = readings.joined([readings.last(slot) for slot in gyros], counts, mounts)
+        last = readings.joined([slot.newest(jnp.zeros(3)) for slot in gyros], counts, mounts)
         n = jnp.maximum(jnp.max(jnp.stack(counts)), 1)
         end = last.value - memory.x.gyro_bias
         middle = together.value - memory.x.gyro_bias + (memory.omega - end) / (2.0 * n)

@@ -13,6 +13,7 @@ from rovtwin.core.frames import (
     quaternion_from_euler,
     quaternion_from_rotation,
     quaternion_multiply,
+    rotation_between,
     rotation_from_quaternion,
     skew,
 )
@@ -104,14 +105,6 @@ def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
     return Mean(share @ slot.value, count, share @ age_of(slot.t_valid, now, max_age))
 
 
-def last(slot: Slot) -> Array:
-    """The newest reading of a slot, zero where it holds nothing."""
-    newest = jnp.zeros(slot.value.shape[1])
-    for row in range(slot.valid.shape[0]):
-        newest = jnp.where(slot.valid[row], slot.value[row], newest)
-    return newest
-
-
 def attitude(
     x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: Array | float
 ) -> Innovation:
@@ -120,9 +113,8 @@ def attitude(
     total, count = jnp.zeros(3), jnp.sum(slot.valid)
     for row in range(slot.valid.shape[0]):
         read = quaternion_multiply(quaternion_from_euler(slot.value[row]), q_sb)
-        away = quaternion_multiply(quaternion_conjugate(x.attitude), read)
         age = age_of(slot.t_valid[row], now, max_age)
-        turned = 2.0 * jnp.sign(away[0]) * away[1:] + age * omega
+        turned = rotation_between(read, x.attitude) + age * omega
         total = total + jnp.where(slot.valid[row], turned, 0.0)
     n = jnp.maximum(count, 1)
     slope = side_by_side(3, (ATTITUDE, jnp.eye(3)))

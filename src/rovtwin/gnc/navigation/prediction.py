@@ -23,8 +23,7 @@ import equinox as eqx
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import (
     cross,
-    quaternion_multiply,
-    quaternion_normalise,
+    quaternion_turned,
     rotation_from_quaternion,
     skew,
 )
@@ -46,7 +45,8 @@ from rovtwin.gnc.navigation.state import (
 )
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.discrepancy import discrepancy_variance
-from rovtwin.vehicle.physics.dynamics import learned_wrench
+from rovtwin.vehicle.physics.dynamics import damping_force, learned_wrench
+from rovtwin.vehicle.physics.linearisation import damping_jacobian
 from rovtwin.vehicle.physics.model import Model
 
 
@@ -89,7 +89,7 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     value = inverse @ (force - model.inertia[:3, 3:] @ turning.omega_dot) - along
 
     S_c, S_w = skew(current_b), skew(omega)
-    dforce_dv = dlearned_dv - scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.inertia[:3, :3])
+    dforce_dv = dlearned_dv - scale[:, None] * damping_jacobian(model, nu_r, 3) - product(S_w, model.inertia[:3, :3])
     dv = product(inverse, dforce_dv)
     dattitude = product(inverse, skew(steady)) - product(dv, S_c) - product(S_w, S_c)
     dcurrent = -product(dv + S_w, R_bn)[:, :2]
@@ -154,7 +154,7 @@ def by_accelerometer(
             1 rad/s it turns by 0.15 m/s2 in 15 ms.
     """
     omega, omega_dot = turning.omega, turning.omega_dot
-    down_b = rotation_from_quaternion(_turned(x.attitude, 0.5 * later * omega))[2]
+    down_b = rotation_from_quaternion(quaternion_turned(x.attitude, 0.5 * later * omega))[2]
     swing = cross(omega_dot, lever) + cross(omega, cross(omega, lever))
     value = reading - x.accelerometer_bias - cross(omega, x.velocity) - swing + GRAVITY * down_b
     own = (VELOCITY, -skew(omega)), (ATTITUDE, GRAVITY * skew(down_b)), (ACCELEROMETER_BIAS, -jnp.eye(3))
@@ -218,24 +218,19 @@ def step(
     P = _through(B, _through(B, P) + dt * noise)
 
     half = 0.5 * dt * turning.omega
-    R_middle = rotation_from_quaternion(_turned(x.attitude, 0.5 * half))
+    R_middle = rotation_from_quaternion(quaternion_turned(x.attitude, 0.5 * half))
     after = eqx.tree_at(
         lambda s: (s.position, s.velocity, s.attitude, s.wave_place, s.wave_velocity),
         x,
         (
             x.position + dt * (R_middle @ (x.velocity + 0.5 * dt * v_dot.value)),
             x.velocity + dt * v_dot.value,
-            _turned(x.attitude, half),
+            quaternion_turned(x.attitude, half),
             x.wave_place + dt * (x.wave_velocity + 0.5 * dt * wave_dot.value),
             x.wave_velocity + dt * wave_dot.value,
         ),
     )
     return after, 0.5 * (P + P.T), B
-
-
-def _turned(q: Array, half: Array) -> Array:
-    """q after a small rotation in b, half of it given [rad], shape (3,)."""
-    return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
 
 
 def _rates(R_nb: Array, velocity: Array, v_dot: Array, wave_dot: Array, omega: Array) -> Array:
@@ -274,18 +269,3 @@ def force_inverse(model: Model) -> Array:
     a, b, c = model.inertia[0, :3], model.inertia[1, :3], model.inertia[2, :3]
     bc = cross(b, c)
     return jnp.stack([bc, cross(c, a), cross(a, b)], axis=1) / (a @ bc)
-
-
-def damping_force(model: Model, nu_r: Array) -> Array:
-    """Rows 1 to 3 of D(nu_r) nu_r [N], shape (3,)."""
-    ahead, astern = jnp.maximum(nu_r, 0.0), jnp.maximum(-nu_r, 0.0)
-    return model.damping[:3] @ jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
-
-
-def damping_force_slope(model: Model, nu_r: Array) -> Array:
-    """d(damping_force)/d(v_r), shape (3, 3); at zero velocity the mean of ahead and astern."""
-    v = nu_r[:3]
-    ahead = jnp.where(v > 0, 1.0, jnp.where(v < 0, 0.0, 0.5))
-    linear = model.linear_damping_ahead[:3, :3] * ahead + model.linear_damping_astern[:3, :3] * (1.0 - ahead)
-    quadratic = jnp.where(v >= 0, model.quadratic_damping_ahead[:3, :3], model.quadratic_damping_astern[:3, :3])
-    return linear + 2.0 * quadratic * jnp.abs(v)

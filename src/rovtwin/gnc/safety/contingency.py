@@ -17,7 +17,7 @@ import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
-from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap, yaw_rotation
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
 from rovtwin.gnc.interfaces import (
@@ -147,7 +147,8 @@ class Contingency(Block):
         base = jax.tree.map(lambda old, new: jnp.where(memory.follows, old, new), memory, began)
         command = jnp.where(piloted & jnp.isfinite(input.pilot), input.pilot, 0.0)
         command = jnp.clip(command, -self.fastest, self.fastest)
-        desired = _turned(input.estimate.eta[5]) @ command[:3]  # along the heading that the vehicle has, not is to have
+        # Along the heading that the vehicle has, not is to have.
+        desired = yaw_rotation(input.estimate.eta[5]) @ command[:3]
         velocity = self._velocity(base, returning, surfacing, desired, dt)
         # What he turns goes on from where it looks, not from what a current had turned it away from.
         kept = jnp.where(command[3] != 0.0, wrap(base.eta[5] + dt * command[3]), base.heading)
@@ -164,7 +165,7 @@ class Contingency(Block):
         phase = jnp.where(piloted, PILOTED, phase)
         own = Setpoint(
             eta=eta,
-            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(2), command[3:]]),
+            nu=jnp.concatenate([yaw_rotation(eta[5]).T @ velocity, jnp.zeros(2), command[3:]]),
             leg_start=asked.leg_start,
             leg_end=asked.leg_end,
             on_leg=jnp.asarray(False),
@@ -187,8 +188,8 @@ class Contingency(Block):
 
         Not with guidance's set-point, which may be a way-point far off, or at the bottom of a dive.
         """
-        place = estimate.eta[:3] - estimate.wave[:3]
-        velocity = rotation_from_euler(estimate.eta[3:]) @ estimate.nu[:3] - estimate.wave[3:]
+        place = estimate.slow_position
+        velocity = estimate.slow_velocity_n(rotation_from_euler(estimate.eta[3:]))
         speed = jnp.sqrt(velocity @ velocity + 1e-12)
         velocity = velocity * jnp.minimum(1.0, self.speed / speed)
         eta = jnp.concatenate([place, jnp.zeros(2), estimate.eta[5:]])
@@ -212,7 +213,7 @@ class Contingency(Block):
 
     def _leashed(self, eta: Array, estimate: Estimate) -> Array:
         """The point, no further ahead of the vehicle than the leash, and not above the surface."""
-        place = estimate.eta[:3] - estimate.wave[:3]
+        place = estimate.slow_position
         away = eta[:3] - place
         near = place + away * jnp.minimum(1.0, self.leash / jnp.sqrt(away @ away + 1e-12))
         turn = jnp.clip(wrap(eta[5] - estimate.eta[5]), -self.lead, self.lead)
@@ -228,12 +229,7 @@ class Contingency(Block):
         return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.heading)
 
     def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Array, surfacing: Array) -> Array:
-        place = estimate.eta[:3] - estimate.wave[:3]
+        place = estimate.slow_position
         level = place[:2] - memory.home[:2]
         home = returning & (level @ level < self.near**2)
         return (memory.there & (returning | surfacing)) | home | (surfacing & (place[2] < self.surface + self.afloat))
-
-
-def _turned(heading: Array) -> Array:
-    """R_nb of a level vehicle, shape (3, 3)."""
-    return rotation_from_euler(jnp.array([0.0, 0.0, 1.0]) * heading)

@@ -57,7 +57,7 @@ class OffCourse(eqx.Module):
             limit: Level and in depth, to which the estimate's uncertainty is added [m], shape (2,).
             step: That counts as nearer [m].
         """
-        place = estimate.eta[:3] - estimate.wave[:3]
+        place = estimate.slow_position
         variance = jnp.diagonal(estimate.covariance)[:3]
         std = jnp.sqrt(jnp.maximum(jnp.stack([jnp.max(variance[:2]), variance[2]]), 0.0))
         off, before = _apart(place, desired), _apart(place, self.desired)

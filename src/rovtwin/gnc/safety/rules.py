@@ -298,7 +298,5 @@ def _last(measurements: Measurements, names: list[str], before: Array) -> Array:
 def _newest(slot: Slot | None, now: Array) -> Array:
     if slot is None:
         return now
-    for row in range(slot.value.shape[0]):
-        value = slot.value[row, 0]
-        now = jnp.where(slot.valid[row] & jnp.isfinite(value), value, now)
-    return now
+    first = slot.value[:, 0]
+    return Slot(first, slot.valid & jnp.isfinite(first), slot.t_valid).newest(now)

@@ -26,9 +26,9 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate
-from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.frames import heading_rotation, rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, turned
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
 from rovtwin.gnc.scales import YAW, VehicleScales
 from rovtwin.vehicle.physics.actuation import wrench_limits
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
@@ -218,7 +218,7 @@ class ThrusterHealth(Block):
 
     def _weighed(self, estimate: Estimate, *wrenches: Array) -> tuple[Array, ...]:
         """W times wrenches, each of shape (h, 6): W = (N + U U^T)^-1, by Woodbury's identity."""
-        to_n = turned(estimate.eta[5]) * self.force_std  # columns: along the bow, across it
+        to_n = heading_rotation(estimate.eta[5]) * self.force_std  # columns: along the bow, across it
 
         def flow(force: Array) -> Array:
             return self._flow(dataclasses.replace(estimate, bias=estimate.bias.at[:2].add(force)))

@@ -28,7 +28,7 @@ from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.thesis.ekf_model import discrete_step, state_rate
 from rovtwin.gnc.thesis.ekf_tuning import STATES, EkfTuning
 from rovtwin.vehicle.physics.model import Model
-from rovtwin.vehicle.physics.thrusters import force_just_after, lag, static_force
+from rovtwin.vehicle.physics.thrusters import half_steps, static_force
 
 __all__ = ["Ekf", "EkfMemory", "EkfTuning", "ObserverInput"]
 
@@ -99,9 +99,7 @@ class Ekf(Block):
         target = static_force(thrusters, command.u)
         before = halfway = after = target
         if tuning.thruster_lag:
-            before = force_just_after(thrusters, memory.thrust, target)
-            halfway = lag(thrusters, before, target, 0.5 * dt)
-            after = lag(thrusters, halfway, target, 0.5 * dt)
+            before, halfway, after = half_steps(thrusters, memory.thrust, target, dt)
         T = thrusters.configuration
         x, half = discrete_step(self.model, memory.x, T @ before, T @ halfway, tuning.bias_decay, dt)
         scatter = self.model.inertia_inverse @ (T * (tuning.thrust_noise * halfway))

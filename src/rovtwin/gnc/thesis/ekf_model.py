@@ -15,9 +15,10 @@ Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Cont
 """
 
 from rovtwin.core.arrays.small_matrices import product
-from rovtwin.core.frames import cross, euler_rate_matrix, rotation_from_euler, skew
+from rovtwin.core.frames import cross, euler_rate_matrix, rotation_from_euler
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
+from rovtwin.vehicle.physics.linearisation import coriolis_jacobian, damping_jacobian, restoring_jacobian
 from rovtwin.vehicle.physics.model import Model
 
 STATES = 18
@@ -60,8 +61,8 @@ def state_jacobian(model: Model, x: Array, bias_decay: Array) -> Array:
     dv_n = jnp.stack([cross(axis, v_n) for axis in axes], axis=1)
     db_b = jnp.stack([-(R_nb.T @ cross(axis, b[:3])) for axis in axes], axis=1)
     ddown = jnp.stack([_down_rate(axis, R_nb) for axis in axes], axis=1)
-    dwrench_deuler = jnp.concatenate([db_b, zero33]) - product(_restoring_slope(model), ddown)
-    dwrench_dnu = -_coriolis_slope(model.inertia, nu) - _damping_slope(model, nu)
+    dwrench_deuler = jnp.concatenate([db_b, zero33]) - product(restoring_jacobian(model), ddown)
+    dwrench_dnu = -coriolis_jacobian(model.inertia, nu) - damping_jacobian(model, nu)
     dwrench_db = jnp.block([[R_nb.T, zero33], [zero33, jnp.eye(3)]])
     dwrench = jnp.concatenate([dwrench_deuler, dwrench_dnu, dwrench_db], axis=1)
     return jnp.concatenate(
@@ -83,30 +84,6 @@ def _angle_axes(euler: Array, R_nb: Array) -> tuple[Array, Array, Array]:
 def _down_rate(axis: Array, R_nb: Array) -> Array:
     """Derivative of the direction of gravity seen in b, R_nb^T e_z, as R_nb turns about an axis in n."""
     return R_nb.T @ jnp.array([-axis[1], axis[0], jnp.zeros_like(axis[0])])
-
-
-def _restoring_slope(model: Model) -> Array:
-    """dg/d(down_b), shape (6, 3): g is linear in the direction of gravity."""
-    force = (model.weight - model.buoyancy) * jnp.eye(3)
-    moment = model.weight * skew(model.center_of_gravity) - model.buoyancy * skew(model.center_of_buoyancy)
-    return -jnp.concatenate([force, moment])
-
-
-def _coriolis_slope(mass: Array, nu: Array) -> Array:
-    """d(C(nu) nu)/dnu, shape (6, 6)."""
-    momentum = mass @ nu
-    S_p, S_h, S_v, S_w = skew(momentum[:3]), skew(momentum[3:]), skew(nu[:3]), skew(nu[3:])
-    upper = product(S_w, mass[:3]) - jnp.concatenate([jnp.zeros((3, 3)), S_p], axis=1)
-    lower = product(S_v, mass[:3]) + product(S_w, mass[3:]) - jnp.concatenate([S_p, S_h], axis=1)
-    return jnp.concatenate([upper, lower])
-
-
-def _damping_slope(model: Model, nu: Array) -> Array:
-    """d(D(nu) nu)/dnu, shape (6, 6); at zero velocity the mean of ahead and astern."""
-    ahead = jnp.where(nu > 0, 1.0, jnp.where(nu < 0, 0.0, 0.5))
-    linear = model.linear_damping_ahead * ahead + model.linear_damping_astern * (1.0 - ahead)
-    quadratic = jnp.where(nu >= 0, model.quadratic_damping_ahead, model.quadratic_damping_astern)
-    return linear + 2.0 * quadratic * jnp.abs(nu)
 
 
 def _euler_rate_slope(euler: Array, omega: Array) -> Array:

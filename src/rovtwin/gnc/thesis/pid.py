@@ -15,8 +15,10 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
 from rovtwin.core.frames import body_rates_from_euler_rates, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.anti_windup import integrated
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
+from rovtwin.vehicle.physics.linearisation import damping_jacobian, restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 
@@ -49,10 +51,7 @@ class Pid(Block):
         unlimited = self.K_p * e + memory + growth + self.K_d * e_dot
         tau = jnp.clip(unlimited, self.lower, self.upper)
         cut = unlimited - tau
-        # Either cut counts: the axis's own now, or the allocation's a tick ago (less its rounding).
-        lost = jnp.where(jnp.abs(input.shortfall) > 1e-9, input.shortfall, 0.0)
-        winding = (growth * cut > 0.0) | (growth * lost > 0.0)
-        return jnp.where(winding, memory, memory + growth), Wrench(tau, cut != 0.0)
+        return integrated(memory, growth, cut, input.shortfall), Wrench(tau, cut != 0.0)
 
     @classmethod
     def table_7_1(cls, model: Model) -> "Pid":
@@ -128,19 +127,8 @@ def body_error(estimate: Estimate, reference: Reference) -> tuple[Array, Array]:
 
 def linearised_damping(model: Model, speed: Any = 0.0) -> Array:
     """Slope of the damping of each axis at a speed, mean of ahead and astern, shape (6,) [N s/m, N m s/rad]."""
-    linear = 0.5 * (model.linear_damping_ahead + model.linear_damping_astern)
-    quadratic = 0.5 * (model.quadratic_damping_ahead + model.quadratic_damping_astern)
-    return jnp.diagonal(linear) + 2.0 * jnp.abs(as_array(speed)) * jnp.diagonal(quadratic)
-
-
-def restoring_stiffness(model: Model) -> Array:
-    """Slope of the restoring wrench of each axis at level trim, shape (6,); roll and pitch only [N m/rad].
-
-    Reference: Fossen (2021), eq. 4.14, for W and B that differ.
-    """
-    metacentric = model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2]
-    zero = jnp.zeros_like(metacentric)
-    return jnp.array([zero, zero, zero, metacentric, metacentric, zero])
+    nu = jnp.broadcast_to(as_array(speed), 6)
+    return 0.5 * jnp.diagonal(damping_jacobian(model, nu) + damping_jacobian(model, -nu))
 
 
 def _limits(model: Model) -> dict[str, Array]:

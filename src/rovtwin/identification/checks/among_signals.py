@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.identification.checks.clocks import Lag, check_clocks
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import STEP, Motion, widened
@@ -81,7 +82,7 @@ def _noise(motion: Motion, name: str, of_rate: bool) -> np.ndarray:
     at = np.clip(np.round((signal.t - motion.t[0]) / STEP).astype(int), 0, len(motion.t) - 1)
     left = signal.value - known[0][at] - (signal.t - motion.t[at])[:, None] * known[1][at]
     if name == "attitude":
-        left = (left + np.pi) % (2 * np.pi) - np.pi
+        left = wrapped(left)
     spread = 1.4826 * np.nanmedian(np.abs(left), axis=0)
     interval = float(np.median(np.diff(signal.t)))
     width = widened(signal.t, motion.width)

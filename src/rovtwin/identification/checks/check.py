@@ -9,13 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.identification.checks.against_model import check_response
 from rovtwin.identification.checks.among_signals import check_motion
 from rovtwin.identification.checks.findings import RANK, Finding
 from rovtwin.identification.checks.horizontal import check_horizontal
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.model import Model
 
@@ -181,7 +181,7 @@ def _steady(name: str, signal: Signal) -> float:
 
 def _spins(signal: Signal) -> list[Finding]:
     """Turns between readings that no vehicle makes: means and interpolations across a wrap of an angle."""
-    R = matrices_from_euler(signal.value)
+    R = rotation_from_euler(signal.value)
     turn = np.arccos(np.clip((np.einsum("nij,nij->n", R[1:], R[:-1]) - 1) / 2, -1, 1))
     rate = turn / np.maximum(np.diff(signal.t), 1e-6)
     bad = (rate > SPIN) & (turn > 0.25) & (rate > 8 * np.percentile(rate, 90))

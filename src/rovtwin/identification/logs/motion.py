@@ -12,8 +12,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.identification.logs.rotations import matrices_from_euler
 
 STEP, WIDTH = 0.02, 0.12  # of the grid, of the kernel [s]
 _VANISHED = 0.1  # sum of the smaller singular values of a mean of rotations, below which it is no rotation any more
@@ -84,7 +84,7 @@ def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> 
     it by exp(-(w width)^2 / 2). The rate is that of R alone, which does not shrink: of the mean's rate,
     R' (R P)' = S(omega) P + P', the antisymmetric part is that of (tr(P) 1 - P) omega.
     """
-    entries = matrices_from_euler(signal.value).reshape(-1, 9)
+    entries = rotation_from_euler(signal.value).reshape(-1, 9)
     smooth, slope = (x.reshape(-1, 3, 3) for x in on_grid(signal.t, entries, grid, width))
     good = np.isfinite(smooth).all(axis=(1, 2))
     R, rate = np.full_like(smooth, np.nan), np.full_like(smooth, np.nan)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import imported
 from rovtwin.identification.priors.surface import LEAST, Panels
 from rovtwin.identification.priors.widths import USUAL_OPENNESS, LogNormal, log_normals, widths_of
 from rovtwin.vehicle.constants import AXES, FRESH_WATER
@@ -244,10 +245,7 @@ def _influence(green: Any, mesh: Any, sources: Any, direct: bool) -> tuple[np.nd
 
 
 def _capytaine() -> Any:
-    try:
-        import capytaine
-    except ImportError as missing:
-        raise IdentificationError("the panel method needs capytaine: pip install 'rovtwin[panel]'") from missing
+    capytaine = imported("capytaine", "panel", "the panel method", IdentificationError)
     capytaine.set_logging("ERROR")
     return capytaine
 

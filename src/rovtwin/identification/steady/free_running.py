@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.steady.damping_fit import ONE_PAIR, DampingFit, fit_damping
@@ -290,7 +291,7 @@ def _plain_difference(record: Record, history: Motion, dof: str, start: float, e
     name = "horizontal" if "horizontal" in record.signals else "position"
     north, east = slope(name, 0), slope(name, 1)
     psi = float(np.mean(history.attitude[(history.t >= start) & (history.t <= end), 2]))
-    along = {"surge": (np.cos(psi), np.sin(psi)), "sway": (-np.sin(psi), np.cos(psi))}[dof]
+    along = heading_rotation(psi)[:, ("surge", "sway").index(dof)]
     return along[0] * north + along[1] * east
 
 

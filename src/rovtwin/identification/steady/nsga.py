@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import require
 
 STEP = 0.02  # longest step of RK4 [s]
 AT_BOUND = 0.005  # share of the range from a bound within which a value is on it
@@ -87,13 +88,12 @@ def fit_nsga(
     Raises:
         IdentificationError: pymoo is missing, bounds or record make no sense.
     """
-    try:
-        from pymoo.algorithms.moo.nsga2 import NSGA2
-        from pymoo.core.callback import Callback
-        from pymoo.core.problem import Problem
-        from pymoo.optimize import minimize
-    except ImportError:
-        raise IdentificationError("NSGA-II needs pymoo: pip install 'rovtwin[nsga]'") from None
+    require("pymoo", "nsga", "NSGA-II", IdentificationError)
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.core.callback import Callback
+    from pymoo.core.problem import Problem
+    from pymoo.optimize import minimize
+
     _check(record, added_mass, thrust)
     held = thrust[0] == thrust[1]
     low = np.array([added_mass[0]] if held else [added_mass[0], thrust[0]])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.steady.smoother import FEWEST, Track, smooth
@@ -53,7 +54,7 @@ class Motion:
         value = float(np.mean(self.velocity[dof][inside]))
         if dof == "yaw":
             return value, float(np.sqrt(self.tracks["psi"].weighted_velocity(t, np.full(count, 1 / count))[1]))
-        R = rotations(self.attitude[inside])[:, :, NU.index(dof)] / count
+        R = rotation_from_euler(self.attitude[inside])[:, :, NU.index(dof)] / count
         parts = [self.tracks[n].weighted_velocity(t, R[:, i])[1] for i, n in enumerate(AXES) if n in self.tracks]
         if parts:
             return value, float(np.sqrt(sum(parts)))
@@ -136,7 +137,7 @@ def _at_origin(signal: Signal, axes: tuple[int, ...], angles: list[Track]) -> Si
         return signal
     attitude = np.stack([track.position(signal.t) for track in angles], axis=1)
     known = np.isfinite(attitude).all(axis=1)
-    arm = np.einsum("nij,j->ni", rotations(attitude[known]), signal.lever)[:, list(axes)]
+    arm = np.einsum("nij,j->ni", rotation_from_euler(attitude[known]), signal.lever)[:, list(axes)]
     return Signal(signal.t[known], signal.value[known] - arm, signal.sigma)
 
 
@@ -146,7 +147,7 @@ def _in_body(
     """What can be turned into b: all three axes, or heave alone of a vehicle taken as level."""
     if len(rates) == 3 and turned:
         water = np.stack([rates[i] - record.current[i] for i in range(3)], axis=1)
-        R = rotations(attitude)
+        R = rotation_from_euler(attitude)
         v = np.einsum("nij,ni->nj", R, water)
         s = np.sqrt(np.einsum("nij,ni->nj", R**2, np.stack([stds[i] for i in range(3)], axis=1) ** 2))
         return {name: v[:, i] for i, name in enumerate(NU[:3])}, {name: s[:, i] for i, name in enumerate(NU[:3])}
@@ -158,14 +159,3 @@ def _in_body(
     if 2 in rates:
         return {"heave": rates[2] - record.current[2]}, {"heave": stds[2]}
     return {}, {}
-
-
-def rotations(euler: np.ndarray) -> np.ndarray:
-    """R_nb of zyx Euler angles (n, 3) [rad], shape (n, 3, 3). Fossen (2021), eq. 2.31."""
-    (cf, ct, cp), (sf, st, sp) = np.cos(euler.T), np.sin(euler.T)
-    rows = [
-        [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
-        [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
-        [-st, ct * sf, ct * cf],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.steady.damping_yaml import DOFS
@@ -67,8 +68,9 @@ def start_up(record: Record, model: Model, dof: str, start: float, end: float, l
     value = signal.value[:, (2,)] if name == "position" and dof == "heave" else signal.value[:, list(columns)]
     inside = (motion.t >= start) & (motion.t <= end)
     psi = float(np.nanmean(motion.attitude[inside, 2]))
-    along = {"surge": [np.cos(psi), np.sin(psi)], "sway": [-np.sin(psi), np.cos(psi)]}.get(dof, [1.0])
-    distance = (np.unwrap(value[:, 0])[:, None] if dof == "yaw" else value) @ np.array(along)
+    ahead, starboard = heading_rotation(psi).T
+    along = {"surge": ahead, "sway": starboard}.get(dof, np.ones(1))
+    distance = (np.unwrap(value[:, 0])[:, None] if dof == "yaw" else value) @ along
     i = DOFS.index(dof)
     force = forces(model, record, signal.t, linear)[:, i]
     if i < 3:

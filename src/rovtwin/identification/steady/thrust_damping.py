@@ -17,6 +17,7 @@ from rovtwin.identification.logs.readers.reading import detect
 from rovtwin.identification.logs.readers.tables import read_csv
 from rovtwin.identification.steady.damping_fit import fit_damping
 from rovtwin.identification.steady.thrust import Bollard, shape
+from rovtwin.vehicle.physics.dynamics import speed_of_drag
 
 SMALLEST = 1e-9  # stands for a quadratic coefficient of zero in the speed's formula
 PRIOR_NAMES = ("full thrust", "dead band", "exponent")
@@ -123,7 +124,7 @@ def fit_thrust_and_damping(
 
     def speed_error(x: np.ndarray) -> np.ndarray:
         F, band, exponent = thrust_of(x)
-        return np.sign(u) * _speed(F * shape(u, band, exponent), x[0], x[1]) - v
+        return np.sign(u) * speed_of_drag(x[0] + 1e-12, max(x[1], SMALLEST), F * shape(u, band, exponent)) - v
 
     low = np.concatenate([[0.0, 0.0], np.array([0.2 * means[0], 0.0, 0.3])[free]])
     high = np.concatenate([[np.inf, np.inf], np.array([np.inf, 0.5, 4.0])[free]])
@@ -160,11 +161,6 @@ def read_speeds(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     (table,) = read_csv(path, []).tables.values()
     command, velocity = table.pick(["command", "velocity"], str(path)).T
     return command, velocity
-
-
-def _speed(force: np.ndarray, linear: float, quadratic: float) -> np.ndarray:
-    """Steady speed under a force of positive size, the root of quadratic v^2 + linear v = force."""
-    return 2 * force / (linear + np.sqrt(linear**2 + 4 * max(quadratic, SMALLEST) * force) + 1e-12)
 
 
 def _check(u: np.ndarray, v: np.ndarray, prior: ThrustPrior, source: str) -> None:

@@ -1,12 +1,12 @@
 """The simulated free-running test of chapter 8.1: tables 8.1 and 8.2, and the search (8.2)."""
 
-from importlib.util import find_spec
-
 import numpy as np
 
+from rovtwin.core.extras import installed
 from rovtwin.identification.steady.damping_fit import fit_damping
 from rovtwin.identification.steady.nsga import OneDirection, fit_nsga, simulate
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
+from rovtwin.vehicle.physics.dynamics import speed_of_drag
 
 RATE, GENERATIONS = 15.0, 30  # of the camera [Hz]; enough for one parameter
 SEARCHED = ("surge, total mass of the search", "kg", "(8.2)")
@@ -16,11 +16,6 @@ def speeds() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Table 8.1: force [N], speed from ArUco and "ground truth" [m/s], shapes (5,)."""
     data = printed("simulation")["table_8_1"]
     return np.array(data["force"], float), np.array(data["aruco"]), np.array(data["ground_truth"])
-
-
-def terminal(force: np.ndarray | float, linear: float, quadratic: float) -> np.ndarray:
-    """Steady speed of linear v + quadratic v^2 = force [m/s]."""
-    return np.asarray(2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force)))
 
 
 def searched_total(linear: float, quadratic: float, seed: int = 1) -> tuple[float, bool]:
@@ -42,7 +37,7 @@ def _searched() -> Line:
     data = printed("simulation")
     truth, search = data["predefined"], data["search"]
     total = search["mass"] + truth["added_mass"]
-    if find_spec("pymoo") is None:
+    if not installed("pymoo"):
         return Line(*SEARCHED, search["total"], None, total, reason=sentence("no_search"))
     force, _, ground = speeds()
     behind = fit_damping(ground, force).coefficients
@@ -54,7 +49,7 @@ def _searched() -> Line:
         stated=stated,
         bound=" (added mass on its bound of 0)" if bound else "",
         slower=slower,
-        apart=100 * (held / float(terminal(search["force"], *behind)) - 1),
+        apart=100 * (held / float(speed_of_drag(behind[0], behind[1], search["force"])) - 1),
     )
     return Line(*SEARCHED, search["total"], stated, total, reason=why)
 
@@ -66,7 +61,7 @@ def simulation_section() -> Section:
     force, aruco, ground = speeds()
     camera, behind = fit_damping(aruco, force).coefficients, fit_damping(ground, force).coefficients
     free = fit_damping(aruco, force, nonnegative=False).coefficients[1]
-    steady = terminal(force, truth["linear"], truth["quadratic"])
+    steady = speed_of_drag(truth["linear"], truth["quadratic"], force)
     short = 100 * (1 - ground / steady)
     steady_speeds = ", ".join(f"{v:.4f}" for v in steady)
     linear, quadratic = ("N s/m", float(truth["linear"])), ("N s2/m2", float(truth["quadratic"]))

@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any
 
 from rovtwin.core.errors import LinkError
+from rovtwin.core.extras import imported
 
 PACKAGE = "blueye.protocol."
 LONGEST_NAME = 80  # bytes; the longest of protocol 3.5 has 50
@@ -16,15 +17,10 @@ def message(name: str) -> Any:
     Raises:
         LinkError: There is no such message, or blueye.sdk is not installed.
     """
-    try:
-        import blueye.protocol
-    except ImportError:
-        raise LinkError(
-            "Blueye's protocol: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
-        ) from None
+    protocol = imported("blueye.protocol", "blueye", "Blueye's protocol", LinkError)
     if name not in names():
         raise LinkError(f"message {name[:LONGEST_NAME]!r}: not one of Blueye's protocol")
-    wrapper = getattr(blueye.protocol, name)
+    wrapper = getattr(protocol, name)
     return wrapper.pb(None, coerce=True)
 
 
@@ -42,14 +38,10 @@ def names(suffix: str = "") -> frozenset[str]:
     Raises:
         LinkError: blueye.sdk is not installed.
     """
-    try:
-        import blueye.protocol
-        import proto
-    except ImportError:
-        raise LinkError(
-            "Blueye's protocol: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
-        ) from None
-    found = {name: getattr(blueye.protocol, name) for name in dir(blueye.protocol) if name.endswith(suffix)}
+    protocol = imported("blueye.protocol", "blueye", "Blueye's protocol", LinkError)
+    import proto
+
+    found = {name: getattr(protocol, name) for name in dir(protocol) if name.endswith(suffix)}
     return frozenset(name for name, kind in found.items() if isinstance(kind, type) and issubclass(kind, proto.Message))
 
 

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from rovtwin.core.errors import LinkError
+from rovtwin.core.extras import require
 
 CHUNK = 4096  # of a stream; more at once is parsed piece by piece
 LONGEST = 280  # bytes of a MAVLink 2 frame with its signature: no more than that is ever kept for later
@@ -15,10 +16,9 @@ def dialect() -> Any:
     Raises:
         LinkError: pymavlink is not installed.
     """
-    try:
-        from pymavlink.dialects.v20 import ardupilotmega
-    except ImportError:
-        raise LinkError("mavlink: pymavlink is not installed. Run: pip install 'rovtwin[mavlink]'") from None
+    require("pymavlink", "mavlink", "mavlink", LinkError)
+    from pymavlink.dialects.v20 import ardupilotmega
+
     return ardupilotmega
 
 

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 def _source(url: Url, clock: Clock) -> "QtmSource":
     import numpy as np
 
+    from rovtwin.core.arrays.rotations import turn_about_z
     from rovtwin.links.qualisys.poses import HALF_TURN, Lab
     from rovtwin.links.qualisys.source import PORT, QtmSource
-    from rovtwin.links.rotations import rotation_from_euler
 
     where, _, body = url.rest.partition("/")
     host, port = Url(url.text, url.scheme, where).host_port(PORT)
     degrees, origin = _lab(url)
-    turn = rotation_from_euler(np.array([0.0, 0.0, math.radians(degrees)]))
+    turn = turn_about_z(math.radians(degrees))
     lab = Lab(R_nq=(turn @ np.array(HALF_TURN)).tolist(), origin=origin)
     return QtmSource(host, body or None, port, clock, lab)
 

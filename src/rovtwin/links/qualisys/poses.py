@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 from rovtwin.core.errors import ConfigError
-from rovtwin.links.rotations import euler_from_rotation, rotation_from_euler
 
 HALF_TURN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 Matrix = Sequence[Sequence[float]]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import LinkError
+from rovtwin.core.extras import require
 from rovtwin.links.background import BackgroundSource
 from rovtwin.links.clock import ClockMap
 from rovtwin.links.qualisys import wire
@@ -53,10 +54,8 @@ class QtmSource(BackgroundSource):
         rate: int | None = None,
     ):
         where = f"qtm://{host}:{port}" + (f"/{body}" if body else "")
-        try:
-            import qtm_rt  # noqa: F401  (needed in the thread: say now when it is not there)
-        except ImportError:
-            raise LinkError(f"{where}: needs the vendor's client; pip install 'rovtwin[qualisys]'") from None
+        # Needed in the thread: said now when it is not there.
+        require("qtm_rt", "qualisys", f"{where}: the vendor's client", LinkError)
         if wrong := sorted(set(sensors) - set(SENSORS)):
             raise LinkError(f"{where}: {wrong[0]}: no such reading; expected some of {', '.join(SENSORS)}")
         self.provides = frozenset(sensors) - {"mocap"}

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core import frames
+from rovtwin.core.arrays.rotations import quaternion_from_euler
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ros2 import messages as msg
 
@@ -93,21 +94,9 @@ def frd(vector: Any) -> np.ndarray:
     return flu(vector)
 
 
-def quaternion(euler: Any) -> np.ndarray:
-    """Attitudes FRD to NED [w, x, y, z], shape (..., 4), of zyx Euler angles [rad], shape (..., 3).
-
-    As `frames.quaternion_from_euler`, which takes one at a time and is compiled; a test holds them together.
-    """
-    half = np.asarray(euler, dtype=float) / 2
-    (cf, ct, cp), (sf, st, sp) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
-    w, x = cf * ct * cp + sf * st * sp, sf * ct * cp - cf * st * sp
-    y, z = cf * st * cp + sf * ct * sp, cf * ct * sp - sf * st * cp
-    return np.stack([w, x, y, z], axis=-1)
-
-
 def orientation(euler: Any) -> np.ndarray:
     """What ROS calls it: quaternions FLU to ENU [x, y, z, w], shape (..., 4), of our Euler angles, shape (..., 3)."""
-    q = quaternion(euler) @ _q()[0].T
+    q = quaternion_from_euler(euler) @ _q()[0].T
     return np.roll(np.where(q[..., :1] < 0, -q, q), -1, axis=-1)
 
 

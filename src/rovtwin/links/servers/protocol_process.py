@@ -5,7 +5,6 @@ closes its sockets. A side that hangs is noticed by the age of its commands.
 """
 
 import asyncio
-import multiprocessing
 import os
 import select
 import signal
@@ -16,6 +15,7 @@ from multiprocessing.connection import Connection
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
+from rovtwin.core.processes.child import end, started
 from rovtwin.core.processes.urgent import settle, urgent
 from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.links.servers.served_vehicle import ServedVehicle
@@ -36,13 +36,7 @@ class Protocols:
         Raises:
             LinkError: It does not start.
         """
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_main, args=(theirs, list(servers), tuple(drones), speed), daemon=True, name="rovtwin-protocols"
-        )
-        self._process.start()
-        theirs.close()  # or its end would never be seen closed here
+        self._process, self._pipe = started(_main, list(servers), tuple(drones), speed, name="rovtwin-protocols")
         self._commands: dict[str, tuple[float, PilotCommand]] = {}
         self._messages: list[str] = []
         self._lost: str | None = None
@@ -116,11 +110,7 @@ class Protocols:
     def close(self) -> None:
         """End the process; may be called twice."""
         self._lost = self._lost or "closed"
-        self._pipe.close()
-        self._process.join(ENDING)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        end(self._process, self._pipe, ENDING)
 
     def __enter__(self) -> "Protocols":
         return self

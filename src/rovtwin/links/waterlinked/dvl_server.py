@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import turn_about_z
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
-from rovtwin.links.rotations import turn_about_z
 from rovtwin.links.servers.served_vehicle import ServedVehicle
 from rovtwin.links.servers.server import Server
 from rovtwin.links.servers.tcp_server import MOST_CLIENTS, Client, TcpServer, open_tcp_server

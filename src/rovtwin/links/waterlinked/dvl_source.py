@@ -1,11 +1,11 @@
 """Listening to a DVL A50, real or served."""
 
 import contextlib
-import math
 import socket
 import time
 from collections.abc import Callable
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import LinkError
 from rovtwin.links.background import BackgroundSource
 from rovtwin.links.clock import ClockMap
@@ -47,7 +47,7 @@ class DvlSource(BackgroundSource):
         self.provides = frozenset({"dvl"})
         super().__init__(f"dvl://{host}:{port}", port, clock)
         self._address = (host, port)
-        self._cos, self._sin = math.cos(rotation), math.sin(rotation)
+        self._turn = heading_rotation(rotation)
         self._altimeter = altimeter
         self._map = ClockMap.to(clock)
         self._socket: socket.socket | None = None
@@ -96,7 +96,7 @@ class DvlSource(BackgroundSource):
         if max(abs(vx), abs(vy), abs(vz)) > FASTEST:
             self.dropped += 1
             return
-        self._keep("dvl", (self._cos * vx - self._sin * vy, self._sin * vx + self._cos * vy, vz), t_valid)
+        self._keep("dvl", (*(self._turn @ (vx, vy)).tolist(), vz), t_valid)
         if self._altimeter and report.altitude > 0:
             self._keep("altimeter", (report.altitude,), t_valid)
 

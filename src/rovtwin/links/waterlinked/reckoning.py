@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from rovtwin.links.rotations import euler_from_rotation, rotation_from_euler
+from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 
 LONGEST_STEP = 1.0  # a gap beyond it is not bridged [s]
 

@@ -3,10 +3,12 @@
 Pure functions: bytes in, dataclass out, and no exception but LinkError.
 """
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import LinkError
 from rovtwin.links.waterlinked.fields import flag, number, numbers, read_object
 
@@ -150,8 +152,8 @@ def body_of(message: AcousticPosition | MapPosition) -> dict[str, Any]:
 
 def to_topside(offset: tuple[float, float], heading: float) -> tuple[float, float]:
     """x (forward) and y (right) of the topside unit [m] of a place north and east of it [m]; heading [rad]."""
-    c, s = math.cos(heading), math.sin(heading)
-    return c * offset[0] + s * offset[1], -s * offset[0] + c * offset[1]
+    forward, right = (np.array(offset) @ heading_rotation(heading)).tolist()
+    return forward, right
 
 
 def from_topside(place: tuple[float, float], heading: float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.extras import imported
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.positioning.estimators.ekf import MarkerEkf
@@ -66,11 +66,7 @@ class Smoothed:
 
 def gtsam_library() -> Any:
     """gtsam, or how to get it."""
-    try:
-        import gtsam
-    except ImportError as missing:
-        raise ConfigError("the smoother needs gtsam: pip install 'rovtwin[slam]'") from missing
-    return gtsam
+    return imported("gtsam", "slam", "the smoother")
 
 
 def smooth(filter: MarkerEkf, frames: Frames, out: Outputs) -> Smoothed:

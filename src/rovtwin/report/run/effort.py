@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.log import Series
-from rovtwin.core.numerics import jax
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.panels import TIME, panels
 from rovtwin.report.parts.style import (
@@ -171,5 +170,5 @@ def _true_wrench(flight: Flight) -> tuple[np.ndarray, np.ndarray] | None:
     pick = np.unique(np.linspace(0, len(series) - 1, min(len(series), 8000)).astype(int))
     t, values = series.t[pick], series.values[pick]
     euler = at(pose, t, angles=slice(3, 6))[:, 3:]
-    R_nb = np.asarray(jax.jit(jax.vmap(rotation_from_euler))(euler))
+    R_nb = rotation_from_euler(euler)
     return t, np.hstack([np.einsum("kij,kj->ki", R_nb, values[:, :3]), values[:, 3:]])

@@ -6,6 +6,7 @@ import numpy as np
 
 from rovtwin.gnc.experiment import mixing
 from rovtwin.gnc.scales import VehicleScales
+from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 TWO_HANDS = 150.0  # force of a person who tilts a vehicle by its edge [N]
@@ -46,7 +47,7 @@ class ExperimentScales:
         rise = scales.top / np.where(able, scales.acceleration, 1.0) + 2.0 * lag
         some = able & (np.arange(6) < 3) if able[:3].any() else able
         unit = float(np.exp(np.log(rise[some]).mean())) if some.any() else 1.0 / scales.level_bandwidth
-        righting = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
+        righting = float(restoring_stiffness(model)[3])
         inertia = np.diagonal(np.asarray(model.inertia))[3:5]
         swing = float(2.0 * np.pi * np.sqrt(inertia.max() / righting)) if righting > 0.0 else None
         # Roll is turned by the side, pitch by the bow.

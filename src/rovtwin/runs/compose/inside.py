@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import turn_about_z
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import as_array
 from rovtwin.runs.compose.world import relief_of
@@ -23,8 +24,7 @@ def require_inside(scenario: Scenario, model: Model) -> None:
     """
     corners = np.asarray(model.hull.corners)
     start = np.asarray(scenario.start.position, dtype=float)
-    c, s = np.cos(scenario.heading), np.sin(scenario.heading)
-    level = corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    level = corners @ turn_about_z(scenario.heading).T
     for where, room in _beyond(scenario, start + level):
         raise ConfigError(
             f"start.position: found {_in_words(start)}, where the hull reaches {room:.2g} m beyond the {where}. "

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.guidance.path_following import SLOWEST
@@ -335,8 +336,7 @@ def _held_heading(
     `ahead` is its speed if it gives the heading up by itself, or 0; `would_turn`: as of `_would_turn`.
     """
     psi = math.radians(leg.point.heading_deg or 0.0)
-    c, s = math.cos(psi), math.sin(psi)
-    stem = -np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])  # through the water, in b
+    stem = -heading_rotation(psi).T @ current[:2]  # through the water, in b
     sides = [1 if stem[axis] > 0 else 0 for axis in (SURGE, SWAY)]
     has = [float(limits.through[axis, sides[axis]]) for axis in (SURGE, SWAY)]
     short = [axis for axis in (SURGE, SWAY) if abs(stem[axis]) > max(has[axis], SOME)]
@@ -400,8 +400,7 @@ def _tilted(
     if abs(deepest.down) < size(model):
         return
     current = current_at(scenario.world, deepest.depth) if known_world else np.zeros(2)
-    c, s = math.cos(deepest.direction), math.sin(deepest.direction)
-    flow = np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])
+    flow = heading_rotation(deepest.direction).T @ current[:2]
     dive = section.control.dive_speed
     limit = scenario.autopilot.supervisor.attitude_limit_deg.limit or math.degrees(RULES["attitude limit"].limit)
     angles = np.degrees(tilts(model, flow, dive, fixes_std))

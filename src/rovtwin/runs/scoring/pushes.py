@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.runs.limits import compass_point
 from rovtwin.runs.scoring.scores import Flown
 from rovtwin.vehicle import Model
@@ -76,8 +77,7 @@ def _level(flown: Flown, rows: np.ndarray) -> np.ndarray:
     """Level force of waves, their drift and tethers, n [N], shape (rows, 2); zero where nobody knows it."""
     if flown.outside is None:
         return np.zeros((1, 2))
-    (x, y), psi = flown.outside[rows, :2].T, flown.eta[rows, 5]
-    return np.stack([x * np.cos(psi) - y * np.sin(psi), x * np.sin(psi) + y * np.cos(psi)], axis=1)
+    return np.einsum("nij,nj->ni", heading_rotation(flown.eta[rows, 5]), flown.outside[rows, :2])
 
 
 def _others(force: np.ndarray, flown: Flown, rows: np.ndarray) -> str:

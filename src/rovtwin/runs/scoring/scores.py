@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import gammaincinv
 
+from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.flow import FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
@@ -130,7 +131,7 @@ def _quadratic_form(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def estimate_error(flown: Flown) -> np.ndarray:
     """Estimate minus truth of [eta, nu], angles wrapped, shape (n, 12)."""
     error = np.concatenate([flown.eta_hat - flown.eta, flown.nu_hat - flown.nu], axis=1)
-    error[:, 3:6] = (error[:, 3:6] + np.pi) % (2 * np.pi) - np.pi
+    error[:, 3:6] = wrapped(error[:, 3:6])
     return error
 
 
@@ -212,7 +213,7 @@ def _heading(flown: Flown, settled: np.ndarray) -> float | None:
     if flown.reference is None:
         return None
     error = flown.eta[settled, 5] - flown.reference[settled, 5]
-    return _rms(np.degrees((error + np.pi) % (2 * np.pi) - np.pi))
+    return _rms(np.degrees(wrapped(error)))
 
 
 def _pair(name: str, distance: np.ndarray) -> dict[str, float | None]:

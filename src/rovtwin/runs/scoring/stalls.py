@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
 from rovtwin.core.user_files.quantity import plain
 from rovtwin.runs.feasibility.mission import baseline_of_another
@@ -94,7 +95,7 @@ def _aside(flown: Flown, rows: slice | np.ndarray) -> np.ndarray:
     """Heading error, as a size [rad], shape (n,); 0 where no set-point was logged."""
     if flown.setpoint is None:
         return np.zeros(len(flown.t[rows]))
-    return np.abs((flown.eta_hat[rows, 5] - flown.setpoint[rows, 5] + np.pi) % (2 * np.pi) - np.pi)
+    return np.abs(wrapped(flown.eta_hat[rows, 5] - flown.setpoint[rows, 5]))
 
 
 def unfinished(flown: Flown, scenario: Scenario, model: Model, vehicle: Vehicle) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.extras import imported
 from rovtwin.core.vision import opencv
 from rovtwin.simulation.camera.lighting import Lighting
 from rovtwin.simulation.camera.rays import Rays
@@ -38,10 +39,7 @@ def context() -> Any:
     Raises:
         ConfigError: moderngl is not installed, or the machine has no OpenGL.
     """
-    try:
-        import moderngl
-    except ModuleNotFoundError:
-        raise ConfigError("the renderer 'gl' needs moderngl: pip install 'rovtwin[render]'") from None
+    moderngl = imported("moderngl", "render", "the renderer 'gl'")
     try:
         settings: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 330}
         made = moderngl.create_context(**settings)

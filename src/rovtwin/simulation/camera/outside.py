@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import turn_about_z
 from rovtwin.simulation.camera.renderer import Renderer
 from rovtwin.simulation.scene.bodies import vehicle_meshes
 from rovtwin.simulation.scene.scene import Scene
@@ -70,8 +71,7 @@ def _inside(scene: Scene, eye: np.ndarray) -> np.ndarray:
     tank = scene.file.tank
     if tank is None:
         return np.array([*eye[:2], np.clip(eye[2], _ROOM, max(scene.depth - 3 * _ROOM, _ROOM))])
-    c, s = np.cos(np.radians(tank.heading_deg)), np.sin(np.radians(tank.heading_deg))
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    R = turn_about_z(np.radians(tank.heading_deg))
     local = R.T @ (eye - tank.position)
     half = np.maximum(0.5 * np.array([tank.length, tank.width]) - _ROOM, 0.0)
     local[:2] = np.clip(local[:2], -half, half)

@@ -6,6 +6,7 @@ import numpy as np
 
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.description.totals.assembly import Assembly
+from rovtwin.vehicle.physics.dynamics import restoring_lever
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Floating:
 
 def floating(weight: float, buoyancy: float, r_g: np.ndarray, r_b: np.ndarray) -> Floating:
     """Of weight W and buoyancy B [N] at r_g and r_b [m], shapes (3,), seen from CO."""
-    lever = weight * r_g - buoyancy * r_b
+    lever = restoring_lever(weight, buoyancy, r_g, r_b)
     size = float(np.linalg.norm(lever))
     # At rest the lever points down, as a plumb line does.
     down = lever / size if size > 1e-9 * weight else np.full(3, np.nan)

@@ -22,7 +22,7 @@ from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
 from rovtwin.vehicle.analysis.hydrostatics import floating
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits, wrench_of_forces
-from rovtwin.vehicle.physics.dynamics import acceleration
+from rovtwin.vehicle.physics.dynamics import acceleration, speed_of_drag
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import inflow_damping, thrusters_from
 
@@ -247,9 +247,11 @@ def steady_speed(model: Model, axis: int, force: float, thrust: bool = True) -> 
     l, q = float(np.asarray(linear)[axis, axis]), float(np.asarray(quadratic)[axis, axis])
     size = abs(force)
     l += _lost_along(model, axis, force) if thrust else 0.0
-    if q > 0:
-        return float((-l + np.sqrt(l * l + 4 * q * size)) / (2 * q))
-    return size / l if l > 0 else (np.inf if size > 0 else 0.0)
+    if size == 0.0:
+        return 0.0
+    if math.isinf(size) or (q <= 0.0 and l <= 0.0):
+        return np.inf
+    return float(speed_of_drag(l, max(q, 0.0), size))
 
 
 def _lost_along(model: Model, axis: int, force: float) -> float:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import euler_from_rotation
 from rovtwin.core.numerics import jax
 from rovtwin.core.sensors import SENSORS
 from rovtwin.vehicle.analysis.lint import findings, uncontrollable
@@ -185,12 +186,10 @@ def _trim(model: Model, floating: Any) -> dict[str, Any]:
 
 
 def _mounted(mounted: Any) -> dict[str, Any]:
-    R = mounted.rotation
-    angles = [np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1, 1)), np.arctan2(R[1, 0], R[0, 0])]
     return {
         "name": mounted.name,
         "position_m": _plain(mounted.position),
-        "attitude_deg": np.round(np.degrees(angles), 9).tolist(),
+        "attitude_deg": np.round(np.degrees(euler_from_rotation(mounted.rotation)), 9).tolist(),
     }
 
 

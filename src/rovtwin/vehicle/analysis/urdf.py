@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import euler_from_rotation
 from rovtwin.vehicle.analysis.visuals import Piece, pieces_of
 from rovtwin.vehicle.description.schema import Camera
 from rovtwin.vehicle.description.vehicle import Vehicle
@@ -68,7 +69,7 @@ def _frame(robot: ElementTree.Element, name: str, position: np.ndarray, R: np.nd
 
 def _origin(parent: ElementTree.Element, position: np.ndarray, R: np.ndarray) -> None:
     """URDF's rpy is roll, pitch, yaw (zyx) as ours."""
-    rpy = [np.arctan2(R[2, 1], R[2, 2]), np.arcsin(np.clip(-R[2, 0], -1, 1)), np.arctan2(R[1, 0], R[0, 0])]
+    rpy = list(euler_from_rotation(R))
     if abs(R[2, 0]) > 1 - 1e-9:  # straight up or down: roll and yaw are one turn
         rpy = [0.0, -np.sign(R[2, 0]) * np.pi / 2, np.arctan2(-R[0, 1], R[1, 1])]
     text = {"xyz": " ".join(_number(x) for x in position), "rpy": " ".join(_number(x) for x in rpy)}

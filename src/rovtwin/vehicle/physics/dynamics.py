@@ -21,6 +21,7 @@ term Maxey and Riley (1983), eq. 46 (first term).
 """
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 
@@ -28,11 +29,11 @@ from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, jax, jnp, module_for
 from rovtwin.vehicle.physics.boundaries import surroundings_wrench
 from rovtwin.vehicle.physics.discrepancy import discrepancy_wrench
 from rovtwin.vehicle.physics.model import Model
-from rovtwin.vehicle.physics.thrusters import force_just_after, inflow_damping, inflow_wrench, lag, static_force
+from rovtwin.vehicle.physics.thrusters import half_steps, inflow_damping, inflow_wrench, static_force
 
 _CHANGING = ("velocity", "rate", "wrench", "place", "gradient", "head", "surface")  # of an Environment, step by step
 
@@ -75,8 +76,26 @@ def damping_wrench(model: Model, nu_r: Array) -> Array:
     Linear plus quadratic with the sign kept (thesis 2.31 loses it), each with its own coefficients ahead and astern.
     Fossen (2021), sec. 6.4.
     """
+    return model.damping @ _powers(nu_r)
+
+
+def damping_force(model: Model, nu_r: Array) -> Array:
+    """Rows 1 to 3 of the same, the force [N], shape (3,)."""
+    return model.damping[:3] @ _powers(nu_r)
+
+
+def _powers(nu_r: Array) -> Array:
+    """What the columns of `Model.damping` multiply: velocities ahead and astern, and their squares, shape (24,)."""
     ahead, astern = jnp.maximum(nu_r, 0.0), jnp.maximum(-nu_r, 0.0)
-    return model.damping @ jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
+    return jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
+
+
+def speed_of_drag(linear: Any, quadratic: Any, force: Any) -> Any:
+    """Speed at which linear v + quadratic v^2 is a force >= 0, any shapes; NaN of no force where no linear drag is.
+
+    In a form that holds without quadratic damping and whose gradient at zero force is finite.
+    """
+    return 2.0 * force / (linear + module_for(linear, quadratic, force).sqrt(linear**2 + 4.0 * quadratic * force))
 
 
 def learned_wrench(model: Model, nu_r: Array, tau: Array, drag: Array | None = None) -> Array | float:
@@ -98,6 +117,18 @@ def restoring_wrench(model: Model, down_b: Array) -> Array:
     weight, buoyancy = model.weight * down_b, model.buoyancy * down_b
     moment = cross(model.center_of_gravity, weight) - cross(model.center_of_buoyancy, buoyancy)
     return -jnp.concatenate([weight - buoyancy, moment])
+
+
+def restoring_lever(weight: Any, buoyancy: Any, r_g: Any, r_b: Any) -> Any:
+    """W r_g - B r_b [N m], shape (3,): at rest it points down, and its z is the stiffness of roll and pitch when level.
+
+    Args:
+        weight: W [N].
+        buoyancy: B [N].
+        r_g: Centre of gravity, b [m], shape (3,).
+        r_b: Centre of buoyancy, b [m], shape (3,).
+    """
+    return weight * r_g - buoyancy * r_b
 
 
 def acceleration(
@@ -175,10 +206,7 @@ def plant_step(model: Model, state: State, command: Command, environment: Enviro
         environment: Water and external wrench over the step.
         dt: Step [s].
     """
-    target = static_force(model.thrusters, command.u)
-    before = force_just_after(model.thrusters, state.thrust, target)
-    halfway = lag(model.thrusters, before, target, 0.5 * dt)
-    after = lag(model.thrusters, halfway, target, 0.5 * dt)
+    before, halfway, after = half_steps(model.thrusters, state.thrust, static_force(model.thrusters, command.u), dt)
     T = model.thrusters.configuration
     # RK4 asks for the wrench at three instants only; they are known exactly.
     forces = {0.0: before, 0.5 * dt: halfway, dt: after}
@@ -229,5 +257,5 @@ def potential_energy(model: Model, position: Array, attitude: Array) -> Array:
     """Of weight and buoyancy [J], zero with CO at the surface and level CG and CB offsets counted along down."""
     down_b = rotation_from_quaternion(attitude)[2]
     net = model.weight - model.buoyancy
-    lever = model.weight * model.center_of_gravity - model.buoyancy * model.center_of_buoyancy
+    lever = restoring_lever(model.weight, model.buoyancy, model.center_of_gravity, model.center_of_buoyancy)
     return -net * position[2] - lever @ down_b

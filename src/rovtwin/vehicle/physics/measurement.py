@@ -22,6 +22,25 @@ def position_at(state: State, lever: Array) -> Array:
     return state.position + rotation_from_quaternion(state.attitude) @ lever
 
 
+def velocity_of_point(nu: Array, lever: Array) -> Array:
+    """v + omega x r of a point of the body, b [m/s], shape (3,), of nu, b at CO, shape (6,)."""
+    return nu[:3] + cross(nu[3:], lever)
+
+
+def acceleration_of_point(nu: Array, nu_dot: Array, lever: Array) -> Array:
+    """Inertial acceleration of a point of the body, b [m/s2], shape (3,).
+
+    `v_dot` is the rate of the body components, so that the inertial acceleration of CO is v_dot + omega x v.
+
+    Args:
+        nu: b at CO, shape (6,).
+        nu_dot: Its rate [m/s2, rad/s2], shape (6,).
+        lever: r, the point seen from CO, b [m], shape (3,).
+    """
+    v, omega = nu[:3], nu[3:]
+    return nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
+
+
 def depth(state: State, lever: Array) -> Array:
     """Depth of a point of the body below the origin of n [m], scalar: what a pressure sensor is calibrated to."""
     return state.position[2] + rotation_from_quaternion(state.attitude)[2] @ lever
@@ -51,8 +70,7 @@ def specific_force(state: State, nu_dot: Array, lever: Array, R_bs: Array) -> Ar
 
         f = R_sb (v_dot + omega x v + omega_dot x r + omega x (omega x r) - R_bn g),    g = [0, 0, 9.81] in n
 
-    `v_dot` is the rate of the body components, so that the inertial acceleration of CO is v_dot + omega x v. At rest
-    and level the reading is [0, 0, -9.81]. Fossen (2021), sec. 14.1 (inertial measurement unit; lever arms).
+    At rest and level the reading is [0, 0, -9.81]. Fossen (2021), sec. 14.1 (inertial measurement unit; lever arms).
 
     Args:
         state: Of the vehicle.
@@ -60,8 +78,7 @@ def specific_force(state: State, nu_dot: Array, lever: Array, R_bs: Array) -> Ar
         lever: r, the sensor seen from CO, b [m], shape (3,).
         R_bs: Mounting, maps s to b, shape (3, 3).
     """
-    v, omega = state.nu[:3], state.nu[3:]
-    inertial = nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
+    inertial = acceleration_of_point(state.nu, nu_dot, lever)
     down_b = rotation_from_quaternion(state.attitude)[2]
     return (inertial - GRAVITY * down_b) @ R_bs
 
@@ -88,4 +105,4 @@ def attitude_euler(state: State, R_bs: Array) -> Array:
 
 def velocity_over_ground_at(state: State, lever: Array, R_bs: Array) -> Array:
     """What a DVL with bottom lock reads, s [m/s], shape (3,): R_sb (v + omega x r)."""
-    return (state.nu[:3] + cross(state.nu[3:], lever)) @ R_bs
+    return velocity_of_point(state.nu, lever) @ R_bs

@@ -157,6 +157,20 @@ def force_just_after(thrusters: Thrusters, force: Array, target: Array) -> Array
     return jnp.where(jumps, target, force)
 
 
+def half_steps(thrusters: Thrusters, force: Array, target: Array, dt: float | Array) -> tuple[Array, Array, Array]:
+    """Forces right after a new target, half of dt later, and dt later [N], shapes (n,): the lag is exact at each.
+
+    Args:
+        thrusters: With their lag.
+        force: Before [N], shape (n,).
+        target: That they settle at [N], shape (n,).
+        dt: [s].
+    """
+    begin = force_just_after(thrusters, force, target)
+    middle = lag(thrusters, begin, target, 0.5 * dt)
+    return begin, middle, lag(thrusters, middle, target, 0.5 * dt)
+
+
 @jax.jit
 def force_limits(thrusters: Thrusters) -> tuple[Array, Array]:
     """Lowest and highest force that commands reach [N], shapes (n,) and (n,)."""

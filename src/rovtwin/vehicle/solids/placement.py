@@ -4,22 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-
-def skew(a: np.ndarray) -> np.ndarray:
-    """S(a), shape (3, 3), with S(a) b = a x b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-
-
-def rotation_zyx(attitude: np.ndarray) -> np.ndarray:
-    """R of [roll, pitch, yaw] [rad], shape (3, 3): maps the part's frame to its parent's. Fossen (2021), eq. 2.31."""
-    (cf, ct, cp), (sf, st, sp) = np.cos(attitude), np.sin(attitude)
-    return np.array(
-        [
-            [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
-            [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
-            [-st, ct * sf, ct * cf],
-        ]
-    )
+from rovtwin.core.arrays.rotations import rotation_from_euler, skew
 
 
 @dataclass(frozen=True)
@@ -31,7 +16,7 @@ class Placement:
 
     @classmethod
     def of(cls, position: object, attitude_deg: object = (0.0, 0.0, 0.0)) -> "Placement":
-        return cls(np.array(position, dtype=float), rotation_zyx(np.radians(np.array(attitude_deg, dtype=float))))
+        return cls(np.array(position, dtype=float), rotation_from_euler(np.radians(np.asarray(attitude_deg, float))))
 
     def after(self, outer: "Placement") -> "Placement":
         """This frame as seen from the parent of `outer`, when `outer` is its parent."""

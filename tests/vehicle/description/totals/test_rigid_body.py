@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.description.schema import Shape
 from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.description.totals.rigid_body import MassProperties, combine
 from rovtwin.vehicle.physics.model import rigid_body_matrix
-from rovtwin.vehicle.solids.placement import Placement, rotation_zyx
+from rovtwin.vehicle.solids.placement import Placement
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -54,7 +55,7 @@ def test_parts_add_up_to_the_cloud_of_their_points(seed):
             }
         )
         masses.append(mass)
-        points.append(position + at @ rotation_zyx(np.radians(attitude)).T)
+        points.append(position + at @ rotation_from_euler(np.radians(attitude)).T)
     expected = of_points(np.concatenate(masses), np.concatenate(points))
     solid = vehicle_from_dict({"name": "v", "description": "cloud", "parts": parts}).assembly.solid
     np.testing.assert_allclose(solid.mass, expected[0], rtol=1e-12)
@@ -74,7 +75,7 @@ def test_nesting_changes_nothing(seed):
         position, attitude = rng.uniform(-1, 1, 3), rng.uniform(-180, 180, 3)
         pose = {"position": position.tolist(), "attitude_deg": attitude.tolist()}
         data = {"parts": [{"name": f"level{depth}", "pose": pose, **data}]}
-        points = position + points @ rotation_zyx(np.radians(attitude)).T
+        points = position + points @ rotation_from_euler(np.radians(attitude)).T
     solid = vehicle_from_dict({"name": "v", "description": "nested", **data}).assembly.solid
     np.testing.assert_allclose(solid.center_of_gravity, of_points(mass, points)[1], atol=1e-12)
     np.testing.assert_allclose(solid.inertia, of_points(mass, points)[2], rtol=1e-9, atol=1e-11)

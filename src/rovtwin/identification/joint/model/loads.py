@@ -9,7 +9,7 @@ from rovtwin.identification.joint.model.nodes import Nodes
 from rovtwin.identification.joint.model.parameters import Extras
 from rovtwin.vehicle.physics.dynamics import acceleration
 from rovtwin.vehicle.physics.model import Model
-from rovtwin.vehicle.physics.thrusters import Thrusters, force_just_after, inflow_damping, lag, static_force
+from rovtwin.vehicle.physics.thrusters import Thrusters, force_just_after, half_steps, inflow_damping, static_force
 
 WRENCH = 6  # numbers of thrust that are its wrench
 
@@ -74,9 +74,7 @@ def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array,
     for goal, share in zip(goals, held, strict=True):
         # What is made up is held for no time: any other time is finite, and not used.
         some, time = share > 0.0, jnp.where(share > 0.0, share, 1.0) * step
-        before = force_just_after(thrusters, force, goal)
-        half = lag(thrusters, before, goal, 0.5 * time)
-        after = lag(thrusters, half, goal, 0.5 * time)
+        before, half, after = half_steps(thrusters, force, goal, time)
         mean = mean + share * (before + 4.0 * half + after) / 6.0
         force = jnp.where(some, after, force)
     return force, _Cell(first, mean, force)

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from rovtwin.core.frames import quaternion_conjugate, quaternion_multiply, quaternion_normalise
+from rovtwin.core.frames import quaternion_multiply, quaternion_normalise, rotation_between
 from rovtwin.core.numerics import Array, jnp
 
 NODE = 18  # size of a node's error
@@ -40,9 +40,3 @@ def difference(a: Nodes, b: Nodes) -> Array:
     """The error (18,) of a state a against b: `moved` by it, b is a to first order."""
     angle = rotation_between(a.attitude, b.attitude)
     return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu, a.push - b.push])
-
-
-def rotation_between(a: Array, b: Array) -> Array:
-    """The small rotation in b that turns quaternion b into a [rad], shape (3,)."""
-    q = quaternion_multiply(quaternion_conjugate(b), a)
-    return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)

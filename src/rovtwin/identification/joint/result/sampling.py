@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import require
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.model.nodes import NODE, Nodes, difference, moved
@@ -49,11 +50,10 @@ def sample(problem: Problem, solution: Solution, count: int = 500, warm_up: int 
     Raises:
         IdentificationError: numpyro is missing, or the tests are too long to be sampled.
     """
-    try:
-        from numpyro.diagnostics import effective_sample_size
-        from numpyro.infer import MCMC, NUTS
-    except ImportError:
-        raise IdentificationError("sampling needs numpyro: pip install 'rovtwin[bayes]'") from None
+    require("numpyro", "bayes", "sampling", IdentificationError)
+    from numpyro.diagnostics import effective_sample_size
+    from numpyro.infer import MCMC, NUTS
+
     n, G, S = len(problem.prior.mean), len(problem.groups), problem.segments.count
     size = n + G + NODE * S
     if size > _LARGEST:

@@ -5,10 +5,11 @@ Readings lie between the grid points of a path; see `vehicle.physics.measurement
 
 from typing import Any
 
-from rovtwin.core.frames import cross, quaternion_normalise, rotation_from_quaternion
+from rovtwin.core.frames import cross, quaternion_normalise, rotation_between, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.identification.joint.model.nodes import Nodes, rotation_between
+from rovtwin.identification.joint.model.nodes import Nodes
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.physics.measurement import acceleration_of_point, velocity_of_point
 
 HUBER = 3.0  # residuals beyond so many sigma count linearly
 
@@ -70,7 +71,7 @@ def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array, m
 
     def predicted(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
         q = quaternion_normalise(attitude)
-        R_nb, v, omega = rotation_from_quaternion(q), nu[:3], nu[3:]
+        R_nb, omega = rotation_from_quaternion(q), nu[3:]
         if name in ("position", "horizontal", "depth"):
             place = position + R_nb @ lever
             return {"position": place, "horizontal": place[:2], "depth": place[2:]}[name]
@@ -79,10 +80,9 @@ def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array, m
         if name == "gyro":
             return omega if mounting is None else omega - cross(mounting, omega)
         if name == "velocity":
-            return v + cross(omega, lever)
+            return velocity_of_point(nu, lever)
         assert nu_dot is not None
-        path = nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
-        return path - GRAVITY * R_nb[2]
+        return acceleration_of_point(nu, nu_dot, lever) - GRAVITY * R_nb[2]
 
     if rates is None:
         reading = jax.vmap(lambda p, q, nu: predicted(p, q, nu, None))(x.position, x.attitude, x.nu)

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import quaternion_from_euler, rotation_from_euler
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.logs.record import SIGNALS, Record, Signal
-from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.identification.logs.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 
@@ -123,12 +122,9 @@ def cut(records: Sequence[Record], grid: Grid) -> Segments:
         arrays[name] = _padded([rows for p in pieces for rows in p.rows[name]["segments"]], len(SIGNALS[name][0]))
     if "attitude" in names:
         # As quaternions: Euler angles jump where a vehicle goes through the vertical.
-        arrays["attitude"]["value"] = np.asarray(_quaternions(jnp.asarray(arrays["attitude"]["value"])))
+        arrays["attitude"]["value"] = quaternion_from_euler(arrays["attitude"]["value"])
     first = tuple(int(i) for i in np.concatenate([[0], np.cumsum(counts)[:-1]]))
     return Segments(grid, tuple(records), arrays, first, sigma, levers)
-
-
-_quaternions = jax.vmap(jax.vmap(quaternion_from_euler))
 
 
 def whole_steps(record: Record, step: float) -> int:
@@ -296,7 +292,7 @@ def _guess(
         nu[:, 3:] = fitted(unwrapped(signal), t, _WIDTH["attitude"])[1]
     if "gyro" in record.signals:
         nu[:, 3:], _ = at("gyro")
-    R, arm = matrices_from_euler(euler), np.zeros((n, 3))
+    R, arm = rotation_from_euler(euler), np.zeros((n, 3))
     for name, columns in (("horizontal", [0, 1]), ("depth", [2]), ("position", [0, 1, 2])):
         if name in record.signals:
             lever = record.signals[name].lever

@@ -5,13 +5,14 @@ from typing import TypeVar
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec, SourceSpec, factor
 from rovtwin.identification.logs.readers import convert
 from rovtwin.identification.logs.readers.raw import Raw, Table
 from rovtwin.identification.logs.record import SIGNALS, Signal
-from rovtwin.identification.logs.rotations import in_body, matrices_from_euler, std_in_body
+from rovtwin.identification.logs.rotations import in_body, std_in_body
 
 PWM_NEUTRAL, PWM_RANGE = 1500.0, 400.0
 FRESH_WATER = 1000.0
@@ -123,7 +124,7 @@ def flung(euler: np.ndarray) -> np.ndarray:
     Args:
         euler: zyx Euler angles [rad], shape (n, 3).
     """
-    R, out = matrices_from_euler(euler), np.zeros(len(euler), bool)
+    R, out = rotation_from_euler(euler), np.zeros(len(euler), bool)
     if len(R) > 2:
         before, after = _angle(R[:-2], R[1:-1]), _angle(R[1:-1], R[2:])
         out[1:-1] = (np.minimum(before, after) > FLUNG) & (_angle(R[:-2], R[2:]) < 0.3 * np.minimum(before, after))

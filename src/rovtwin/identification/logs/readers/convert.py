@@ -7,8 +7,8 @@ R_nb = R_nw R_wv R_bv'. ENU and FLU are those of ROS REP 103; NWU is any frame w
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rovtwin.core.arrays.rotations import euler_from_rotation
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.rotations import euler_from_matrices
 
 _FLU = np.diag([1.0, -1.0, -1.0])
 _ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -28,7 +28,7 @@ def attitude(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
         if spec.matrix == "columns":
             R_wv = R_wv.transpose(0, 2, 1)
     frame = spec.frame or "ned"
-    return euler_from_matrices(WORLD[frame] @ R_wv @ to_body(spec).T)
+    return euler_from_rotation(WORLD[frame] @ R_wv @ to_body(spec).T)
 
 
 def to_body(spec: SignalSpec) -> np.ndarray:

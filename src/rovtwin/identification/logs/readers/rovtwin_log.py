@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import euler_from_rotation
 from rovtwin.core.errors import IdentificationError, RovtwinError
 from rovtwin.core.log import Log
 from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
-from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.vehicle import Vehicle
 
 COMMANDS = "autopilot/command"
@@ -85,7 +85,7 @@ def _datasheets(log: Log) -> dict[str, dict[str, Any]]:
         return {}
     sheets = {}
     for sensor, sheet in datasheets.items():
-        angles = np.degrees(euler_from_matrices(np.array(sheet["rotation"])[None])[0])
+        angles = np.degrees(euler_from_rotation(np.array(sheet["rotation"])[None])[0])
         sheets[sensor] = {"sigma": sheet["noise"], "lever": sheet["lever"], "mounting_deg": angles.tolist()}
     return sheets
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rovtwin.core.errors import LinkError, LinkTimeout
+from rovtwin.core.extras import imported
 
 TRIES = 5  # of a request that the SDK gives 50 ms, unless set otherwise
 
@@ -25,13 +26,7 @@ def connect(
         LinkTimeout: There was no answer in time.
         LinkError: The SDK is missing, there is no Blueye of protocol v3 at this address, or another client controls it.
     """
-    try:
-        from blueye.sdk import Drone
-    except ImportError:
-        raise LinkError(
-            f"blueye://{ip}: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
-        ) from None
-    drone = Drone(ip, auto_connect=False)
+    drone = imported("blueye.sdk", "blueye", f"blueye://{ip}", LinkError).Drone(ip, auto_connect=False)
     failed: list[Exception] = []
     given_up = threading.Event()
 

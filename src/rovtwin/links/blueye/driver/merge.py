@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler, wrapped
 from rovtwin.core.flow import Measurement
-from rovtwin.links.rotations import rotation_from_euler
 
 TOGETHER = 0.1  # readings further apart, or that waited longer for the other's, do not belong together [s]
 OUTDATED = 10.0  # age up to which a drone's battery and leak count beside the other's [s]
@@ -96,7 +96,7 @@ class Merge:
 
     def _mean(self, a: Measurement, b: Measurement) -> Measurement:
         change = b.value - a.value
-        value = a.value + 0.5 * (_wrapped(change) if a.sensor == "attitude" else change)
+        value = a.value + 0.5 * (wrapped(change) if a.sensor == "attitude" else change)
         return self._noted(Measurement(a.sensor, value, 0.5 * (a.t_valid + b.t_valid)))
 
     def _alone(self, reading: Measurement, side: int) -> Measurement:
@@ -106,16 +106,11 @@ class Merge:
 
     def _noted(self, reading: Measurement) -> Measurement:
         if reading.sensor == "attitude":
-            reading = Measurement("attitude", _wrapped(reading.value), reading.t_valid)
+            reading = Measurement("attitude", wrapped(reading.value), reading.t_valid)
             self._euler = reading.value
         elif reading.sensor == "gyro":
             self._omega = reading.value
         return reading
-
-
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    """In [-pi, pi) [rad]."""
-    return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
 def _in_n(euler: np.ndarray, r: np.ndarray) -> np.ndarray:

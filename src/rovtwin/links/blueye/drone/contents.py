@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
@@ -13,7 +14,6 @@ from rovtwin.links.blueye.drone.drone import Drone
 from rovtwin.links.blueye.mission.notes import Note
 from rovtwin.links.blueye.mission.supervisor import Here
 from rovtwin.links.blueye.protobuf import message, text
-from rovtwin.links.rotations import rotation_from_euler
 
 # What a drone may know of a station's readings
 SENSORS = (

@@ -4,6 +4,9 @@ import math
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.drone.clients import Clients
 from rovtwin.links.blueye.mission.notes import ABORTED_NOW, UNSPECIFIED, WARNING, Note
@@ -245,8 +248,7 @@ class Drone:
     def _ahead_of_target(self) -> tuple[float, float, float]:
         """The target's own velocity as sticks: what is held follows it at its speed, and not only by its distance."""
         north, east, down = self.mission.velocity
-        c, s = math.cos(self.here.heading or 0.0), math.sin(self.here.heading or 0.0)
-        along = (c * north + s * east, c * east - s * north, down)
+        along = (*(np.array([north, east]) @ heading_rotation(self.here.heading or 0.0)).tolist(), down)
         surge, sway, heave = (v / most if most > 0.0 else 0.0 for v, most in zip(along, self.fastest, strict=True))
         most = max(1.0, abs(surge), abs(sway))  # both alike: cut one by one they would lead off the way
         return surge / most, sway / most, heave

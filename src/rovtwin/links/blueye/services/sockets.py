@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from rovtwin.core.errors import LinkError
+from rovtwin.core.extras import require
 from rovtwin.links.blueye.services.http import HttpServer
 from rovtwin.links.blueye.wire import LARGEST
 from rovtwin.links.servers.server import address_taken
@@ -40,13 +41,10 @@ async def ports_of(host: str) -> AsyncIterator[tuple[Any, Any, Any]]:
     Raises:
         LinkError: An address cannot be bound, or ZeroMQ is not installed.
     """
-    try:
-        import zmq
-        import zmq.asyncio
-    except ImportError:
-        raise LinkError(
-            "blueye: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
-        ) from None
+    require("zmq", "blueye", "blueye", LinkError)
+    import zmq
+    import zmq.asyncio
+
     context = zmq.Context()
     waiting = zmq.asyncio.Context(context)
     kinds = ((TELEMETRY, context, zmq.PUB), (REQUESTS, waiting, zmq.REP), (CONTROL, waiting, zmq.SUB))

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.datum import FARTHEST, Datum
 from rovtwin.core.errors import ConfigError
 
@@ -157,8 +158,7 @@ def _heading(message: Any, relative: bool, here: Place | None, before: Place | N
 
 
 def _turned(x: float, y: float, angle: float) -> list[float]:
-    c, s = math.cos(angle), math.sin(angle)
-    return [c * x - s * y, s * x + c * y]
+    return (heading_rotation(angle) @ (x, y)).tolist()
 
 
 def _checked(target: Place) -> Order:

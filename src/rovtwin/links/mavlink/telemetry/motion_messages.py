@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import quaternion_from_euler
 from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.telemetry.scene import Scene, int16, int32, microseconds, milliseconds
 
@@ -26,12 +27,8 @@ def attitude(scene: Scene, at: Measurement) -> Any:
 
 def quaternion(scene: Scene, at: Measurement) -> Any:
     """ATTITUDE_QUATERNION."""
-    euler = _euler(at)
-    (cf, ct, cp), (sf, st, sp) = np.cos(euler / 2), np.sin(euler / 2)
-    w, x = cf * ct * cp + sf * st * sp, sf * ct * cp - cf * st * sp
-    y, z = cf * st * cp + sf * ct * sp, cf * ct * sp - sf * st * cp
     message = scene.dialect.MAVLink_attitude_quaternion_message
-    return message(milliseconds(at.t_valid), w, x, y, z, *scene.rates())
+    return message(milliseconds(at.t_valid), *quaternion_from_euler(_euler(at)), *scene.rates())
 
 
 def _euler(at: Measurement) -> np.ndarray:

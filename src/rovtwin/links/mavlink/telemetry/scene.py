@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.firmware.autopilot import Autopilot
 from rovtwin.links.mavlink.firmware.guided import Place
-from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.links.servers.served_vehicle import ServedVehicle
 
 FIX_LASTS = 4.0  # a position is a fix for so long, as ArduPilot trusts a GPS [s]

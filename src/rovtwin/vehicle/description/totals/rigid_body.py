@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.solids.placement import Placement, skew
+from rovtwin.core.arrays.rotations import skew
+from rovtwin.vehicle.solids.placement import Placement
 
 
 @dataclass(frozen=True)
