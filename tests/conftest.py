@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, Phase, settings
 # and processes that tests start inherit it. Fusions by way of MLIR take half of the time of such a compilation in
 # jax 0.10; without them loops are LLVM at once. Level 1 is that of `_RUN_LONG` below.
 if "optimization_level" not in os.environ.get("XLA_FLAGS", ""):
-    os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     _quick = ["--xla_backend_optimization_level=1"]
     if sys.version_info < (3, 12):
         _quick.append("--xla_cpu_use_fusion_emitters=false")
@@ -72,10 +72,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="module", autouse=True)
 def optimised(request: pytest.FixtureRequest) -> Iterator[None]:
     """Programs that are first compiled in a module of `_RUN_LONG` are optimised."""
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", before and not request.path.as_posix().endswith(_RUN_LONG))
+    quickly = os.environ.get("JAX_DISABLE_MOST_OPTIMIZATIONS") == "1"  # as set above, or by the process that began this
+    if not (quickly and request.path.as_posix().endswith(_RUN_LONG)):
+        yield
+        return
+    jax.config.update("jax_disable_most_optimizations", False)
     yield
-    jax.config.update("jax_disable_most_optimizations", before)
+    jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="module", autouse=True)
