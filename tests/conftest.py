@@ -2,18 +2,29 @@
 
 import gc
 import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-# Most programs of the tests run for seconds: to optimise them takes longer. XLA reads this when JAX is imported, and
-# processes that tests start inherit it.
+# Most programs of the tests run for seconds: to optimise them takes longer. JAX and XLA read this when JAX is imported,
+# and processes that tests start inherit it. Fusions by way of MLIR take half of the time of such a compilation in
+# jax 0.10; without them loops are LLVM at once. Level 1 is that of `_RUN_LONG` below.
 if "optimization_level" not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+    _quick = ["--xla_backend_optimization_level=1"]
+    if sys.version_info < (3, 12):
+        _quick.append("--xla_cpu_use_fusion_emitters=false")
+    os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_quick]).strip()
 
+from rovtwin.core.numerics import jax
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
+
+# Traces make many objects that live: looking through all of them as often as Python does takes a tenth of a trace.
+gc.set_threshold(50_000, 20, 50)
 
 # JAX compiles inside the first example, so a deadline per example means nothing. Every run draws the same examples;
 # `HYPOTHESIS_PROFILE=explore` draws many new ones. Most examples are seeds, which have no simplest form: no shrinking.
@@ -28,13 +39,24 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 # Modules that take long begin first, the longest before all, so that no process waits for the other at the end (make:
 # --no-loadscope-reorder).
 _LONG = (
-    *("test_docs.py", "test_joint.py", "test_fail_safes.py", "test_navigation.py", "test_ekf.py", "test_tether.py"),
-    *("test_cli.py", "test_smooth.py", "test_filming.py", "test_twin.py", "test_devices.py"),
-    *("test_prioritised.py", "test_track.py", "test_autopilot.py", "test_checks.py", "test_commands.py"),
-    *("test_experiment.py", "test_html.py", "test_block_contract.py", "test_free_running.py"),
-    *("test_parameters.py", "test_panel.py", "test_thesis.py", "test_ekf_model.py", "test_realtime.py"),
+    *("test_joint.py", "test_block_contract.py", "test_live.py", "test_own_blocks.py", "test_cli.py"),
+    *("test_inflow.py", "test_navigation.py", "test_lost.py", "test_push.py", "test_monitor.py"),
+    *("test_mounting.py", "test_checks.py", "test_ekf.py", "test_served.py", "test_remote_link.py"),
+    *("test_tether.py", "test_payload.py", "test_fail_safes.py", "test_run.py", "test_discrepancy.py"),
+    *("test_link.py", "test_experiment.py", "test_levers.py", "test_watch.py", "test_api.py"),
+    *("test_link_contract.py", "test_filming.py", "test_smooth.py", "test_camera_images.py", "test_figures.py"),
+    *("test_supervisor.py", "test_loads.py", "test_twin.py", "test_tune.py", "test_sea.py", "test_commands.py"),
+    *("test_free_running.py", "test_result.py", "test_diagnostics.py", "test_sensors.py"),
+    *("test_vehicle_figures.py", "test_hub.py", "test_detection.py", "test_serving.py", "test_html.py"),
+    *("test_devices.py"),
 )
 
+# Programs of these modules run longer than it takes to optimise them. None of them is also compiled in a process that a
+# test compares bit for bit with this one.
+_RUN_LONG = (
+    *("gnc/test_ekf.py", "gnc/test_levers.py", "identification/test_joint.py"),
+    *("monitoring/test_lost.py", "monitoring/test_monitor.py"),
+)
 
 # What these drive was not written here, and takes its time to start: `make test-system`.
 _OUTSIDE = {"test_mavlink_mavsdk.py", "test_mavsdk_examples.py", "test_ros2_network.py"}
@@ -45,6 +67,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.path.name in _OUTSIDE or "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.system)
     items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def optimised(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Programs that are first compiled in a module of `_RUN_LONG` are optimised."""
+    quickly = os.environ.get("JAX_DISABLE_MOST_OPTIMIZATIONS") == "1"  # as set above, or by the process that began this
+    if not (quickly and request.path.as_posix().endswith(_RUN_LONG)):
+        yield
+        return
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="module", autouse=True)

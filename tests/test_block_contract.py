@@ -11,7 +11,7 @@ import pkgutil
 
 import equinox as eqx
 import pytest
-from tests.block_examples import EXAMPLES, SLOW, SLOW_BATCH, SLOW_GRADIENT, START
+from tests.block_examples import EXAMPLES, SLOW, SLOW_BATCH, SLOW_GRADIENT, START, Example
 
 import rovtwin
 from rovtwin.core.block import Block
@@ -36,19 +36,25 @@ def find_blocks() -> dict[str, type[Block]]:
     return blocks
 
 
+@functools.cache
+def example(name: str) -> Example:
+    """Made once: its arrays are made outside compiled code, one operation after the other."""
+    return EXAMPLES[name]()
+
+
 def test_every_block_has_an_example():
     blocks, shown = find_blocks(), {name.split(":")[0] for name in EXAMPLES}
     missing, gone = sorted(blocks.keys() - shown), sorted(shown - blocks.keys())
     assert not missing, f"add an example to EXAMPLES in tests/block_examples.py of: {', '.join(missing)}"
     assert not gone, f"no such Block any more, take it out of EXAMPLES in tests/block_examples.py: {', '.join(gone)}"
-    for name, example in EXAMPLES.items():
-        assert type(example().block) is blocks[name.split(":")[0]], name
+    for name in EXAMPLES:
+        assert type(example(name).block) is blocks[name.split(":")[0]], name
 
 
 @functools.cache
 def contract(name: str) -> BlockContract:
-    example = EXAMPLES[name]()
-    return BlockContract(example.block, example.inputs, example.dt, START, example.shared)
+    shown = example(name)
+    return BlockContract(shown.block, shown.inputs, shown.dt, START, shown.shared)
 
 
 def names(slow: set[str]) -> list:
@@ -80,7 +86,7 @@ def test_batch_equals_singles(name):
 
 @pytest.mark.parametrize("name", names(SLOW_GRADIENT))
 def test_gradient_is_finite(name):
-    if not EXAMPLES[name]().differentiable:
+    if not example(name).differentiable:
         pytest.skip("has no float output to differentiate")
     contract(name).has_a_gradient()
 

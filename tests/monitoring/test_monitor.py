@@ -27,14 +27,14 @@ def rebuilt(model, theta):
     return other.replace(**damping)
 
 
-def run(name, factors, seed=0, signals=SEEN, world=lambda model: model):
+def run(name, factors, seed=0, signals=SEEN, world=lambda model: model, duration=DURATION):
     """Vehicle, theta of a plant with these factors by name, and the monitor after a run of it."""
     vehicle = load_vehicle(name)
     model = vehicle.model()
     names = Factors.of(model, vehicle.thruster_names, 0.3).names
     theta = np.array([factors.get(name, 0.0) for name in names])
-    t, u = steps_command(vehicle, seed, DURATION)
-    given = record(world(rebuilt(model, theta)), t, 0.7 * u, DURATION, seed, signals)
+    t, u = steps_command(vehicle, seed, duration)
+    given = record(world(rebuilt(model, theta)), t, 0.7 * u, duration, seed, signals)
     return vehicle, theta, watched(model, vehicle.thruster_names, given)
 
 
@@ -76,7 +76,7 @@ def test_what_has_changed_is_reported_in_words_and_nothing_else():
 
 @pytest.mark.parametrize("log_factor", [-1.2, -6.0])
 def test_a_thruster_that_hardly_pushes_is_named_and_nothing_else(log_factor):
-    vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": log_factor}, seed=4)
+    vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": log_factor}, seed=4, duration=50.0)
     now = list(readings(vehicle, monitor).values())
     none = np.zeros(len(now))
     reports = [change for change in changes(now, none, none) if change.reading.quantity.group]

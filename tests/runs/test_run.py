@@ -1,6 +1,7 @@
 """Runs: the same twice, the same in a batch, tick by tick and from their own file; logged as they were."""
 
 import json
+import os
 
 import jax
 import jax.numpy as jnp
@@ -108,9 +109,13 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
 
 
 def test_a_long_run_goes_on_with_the_optimised_program_where_it_was(short, monkeypatch):
-    """The only test of the optimised program: the others set XLA's level to 0 for all (tests/conftest.py)."""
+    """The only test of the optimised program: the others turn that off for all (tests/conftest.py)."""
     static = {"static_argnames": ("layouts", "ticks", "control_dt"), "donate_argnames": "memory"}
-    optimised = in_one_piece(loops._advance_flat, compiler_options={"xla_backend_optimization_level": 3}, **static)
+    as_users_have_it: dict[str, bool | int] = {"xla_backend_optimization_level": 3}
+    as_users_have_it["xla_llvm_disable_expensive_passes"] = False
+    if "xla_cpu_use_fusion_emitters" in os.environ["XLA_FLAGS"]:
+        as_users_have_it["xla_cpu_use_fusion_emitters"] = True
+    optimised = in_one_piece(loops._advance_flat, compiler_options=as_users_have_it, **static)
     monkeypatch.setitem(loops._advance, False, optimised)
     run = compose(short)
     given = run.loop, run.key, run.start, short.control_dt, 50
