@@ -148,7 +148,8 @@ class _Truth:
             memory, moved = move(memory, command, k)
             water = moved.environment
             tethers = {name: tether.line for name, tether in memory.tethers.items()}
-            self.now = (moved.state, water.velocity, water.wrench, water.surface, memory.battery, tethers)
+            broken = memory.world.broken
+            self.now = (moved.state, water.velocity, water.wrench, water.surface, memory.battery, tethers, broken)
             return memory, moved.measurements
 
         return advance_twin
