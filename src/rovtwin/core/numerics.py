@@ -91,7 +91,10 @@ def unoptimised() -> dict[str, bool | int | float | str] | None:
     """
     if jax.default_backend() != "cpu" or OPTIMISATION in os.environ.get("XLA_FLAGS", ""):
         return None
-    return {OPTIMISATION: 0} | ({"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11) else {})
+    options: dict[str, bool | int | float | str] = {OPTIMISATION: 0}
+    if jax.__version_info__ < (0, 11):
+        options["xla_cpu_use_fusion_emitters"] = False
+    return options
 
 
 def jit_once(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:

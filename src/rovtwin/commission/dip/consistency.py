@@ -14,7 +14,7 @@ from rovtwin.commission.stage import Check
 from rovtwin.identification.logs.motion import STEP, Motion
 from rovtwin.identification.logs.record import Record
 
-SCALE = (0.6, 1.6)  # of a sensor over the accelerometer, within which nothing is wrong with its unit
+SCALE = (0.45, 2.2)  # of a sensor over the accelerometer, within which its unit is right: feet would be 3.3
 TURNED = 20.0  # of a velocity in the horizontal plane against the accelerometer [deg]
 TELLS = 0.6  # correlation from which on the comparison tells something
 MOVED = 0.02  # [m/s] in the root of the mean square, below which nothing is compared

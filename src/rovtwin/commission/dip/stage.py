@@ -77,13 +77,11 @@ def _heading(work: Work, flown: Pulsed) -> Iterator[Check]:
     log = Log.read(flown.log)
     if "sensor/attitude" not in log or not len(log["sensor/attitude"]):
         return
-    psi = float(np.degrees(log["sensor/attitude"].values[0, 2])) % 360.0
+    psi = round(float(np.degrees(log["sensor/attitude"].values[0, 2]))) % 360
     names = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
-    name = names[round(psi / 45.0) % 8]
-    if not work.person.confirm(
-        f"At the start its compass read {psi:.0f} deg: did the bow point {name}, within 30 deg?"
-    ):
-        text = f"it read {psi:.0f} deg ({name}), and the bow did not point there."
+    name = names[round(psi / 45) % 8]
+    if not work.person.confirm(f"At the start its compass read {psi} deg: did the bow point {name}, within 30 deg?"):
+        text = f"it read {psi} deg ({name}), and the bow did not point there."
         yield Check("stop", "compass", text, "Calibrate it away from steel; check how it is mounted, and declination.")
 
 
