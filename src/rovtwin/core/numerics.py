@@ -28,6 +28,8 @@ def _xla_flags() -> None:
         _add_flag("--", "xla_cpu_prefer_vector_width", "512")
     # One roll-out is sequential: a second thread only adds hand-overs.
     os.environ.setdefault("PJRT_NPROC", "1")
+    # Errors of XLA are for users, warnings are not, such as one line for each function of `in_one_piece` that is none.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
 
 
 _xla_flags()
