@@ -161,7 +161,11 @@ class Dossier:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """While it is worked on. Raises ConfigError where another process does so already."""
-        with open(self.folder / LOCK, "w") as lock:
+        try:
+            lock = (self.folder / LOCK).open("w")
+        except OSError as error:
+            raise ConfigError(f"-o {self.folder}: cannot be used ({cannot(error)})") from None
+        with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # falls with the process, however it ends
             except OSError:

@@ -49,8 +49,21 @@ def commission(
         float | None,
         typer.Option(min=0.005, max=1.0, help="Test until damping forces are known to this share. [default: 0.05]"),
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=50.0, help="Speed of a served twin's time.")] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
+    current: Annotated[
+        list[float] | None,
+        typer.Option(min=0.0, max=5.0, help="Speed of water to prove it in [m/s]; repeatable. [default: 0, 0.1, 0.2]"),
+    ] = None,
+    sea: Annotated[
+        list[float] | None,
+        typer.Option(min=0.0, max=10.0, help="Significant wave height to prove it in [m]; repeatable. [default: 0]"),
+    ] = None,
+    missions: Annotated[
+        int | None, typer.Option(min=1, max=10_000, help="Missions of the proof in each current and sea. [default: 20]")
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option(min=0.01, max=50.0, help="Speed of a served twin's time. [default: 1]")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all that is drawn. [default: 1]")] = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="Answer yes to every question: for a twin, never for a real vehicle.")
     ] = False,
@@ -71,9 +84,11 @@ def commission(
     from rovtwin.commission.stages import STAGES
 
     screen = console(as_json)
-    options = {"tank": tank, "prior": prior, "minutes": minutes, "interval": interval}
+    options = {"tank": tank, "prior": prior, "minutes": minutes, "interval": interval, "samples": missions}
+    options |= {"speed": speed, "seed": seed}
+    options |= {"currents": tuple(current) if current else None, "seas": tuple(sea) if sea else None}
     given = {name: value for name, value in options.items() if value is not None}
-    request = _request(vehicle, link, sensor or [], given | {"speed": speed, "seed": seed}, out)
+    request = _request(vehicle, link, sensor or [], given, out)
     _require_answers(yes, request.link)
     with progress_bar("") as bar:
         person = Terminal(screen, bar, yes)
