@@ -13,7 +13,6 @@ import numpy as np
 
 from rovtwin.core.arrays.rotations import quaternion_from_euler, rotation_from_euler
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.logs.record import SIGNALS, Record, Signal
 from rovtwin.identification.logs.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
@@ -262,7 +261,7 @@ def nodes_from_data(
         position.append(p)
         euler.append(e)
         nu.append(v)
-    attitude = np.asarray(jax.vmap(quaternion_from_euler)(jnp.asarray(np.concatenate(euler))))
+    attitude = quaternion_from_euler(np.concatenate(euler))
     return {"position": np.concatenate(position), "attitude": attitude, "nu": np.concatenate(nu)}
 
 
