@@ -162,7 +162,7 @@ def test_the_description_of_a_lab_holds():
 
 def test_the_description_of_a_dvl_and_a_drone_holds():
     dvl = kept("dvl://127.0.0.1:9?rotation=90")
-    assert (dvl._cos, dvl._sin) == pytest.approx((0.0, 1.0))
+    np.testing.assert_allclose(dvl._turn, [[0.0, -1.0], [1.0, 0.0]], atol=1e-12)
     assert "turned 90 deg clockwise" in described("dvl://h?rotation=90")
     assert "control is taken" in described("blueye://a,b?take_control") and "no client" in described("blueye://a,b")
     assert described("twin://") == "twin://"
