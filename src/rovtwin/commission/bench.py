@@ -23,6 +23,7 @@ from rovtwin.simulation.sensors.sensor import Sensor
 from rovtwin.vehicle.constants import GRAVITY
 
 SECONDS = 15.0  # of readings at rest
+WHOLE = 0.8  # of that time, below which it was interrupted
 SLOWER, FASTER = 0.7, 1.5  # rates over the file's
 NOISIER = 3.0  # noise over the file's, from which on it is no matter of chance
 SILENT_NOISE = 0.1  # and below which the file asks for too much
@@ -53,12 +54,18 @@ def run(work: Work) -> Outcome:
             notes.append,
         )
         age = there.link.age
-    found = {name: Readings.of(Log.read(log), name) for name in sensors}
+    recorded = Log.read(log)
+    found = {name: Readings.of(recorded, name) for name in sensors}
+    # A protocol may tell these though the file has no such part.
+    besides = {name: Readings.of(recorded, name) for name in ("battery", "leak") if name not in found}
     checks = [Check("note", "sensors", line) for line in notes]
     checks += [Check("stop", "link", f"silent for {age:.1f} s.", "Check the cable, then repeat.")] if age > 1.0 else []
     checks += [check for name, one in found.items() for check in _sensor(name, sensors[name], one)]
     turned = {name: np.asarray(R) for name, R in rotated(sensors).items()}
-    checks += [*_gravity(found, turned), *_state(found, work.request.room.depth)]
+    checks += [*_gravity(found, turned), *_state(found | besides, work.request.room.depth)]
+    last = max((float(one.arrived[-1]) for one in found.values() if len(one.arrived)), default=0.0)
+    if 0.0 < last < WHOLE * seconds:
+        checks.append(Check("stop", "bench", f"it ended after {last:.0f} of {seconds:g} s.", "Repeat this stage."))
     return Outcome(
         tuple(checks), {"log": log.name, "sensors": [_measured(n, o) for n, o in found.items()]}, (log.name,), seconds
     )

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.campaign.tuning.plants import plants_of
+from rovtwin.commission.evidence.room import LASTING, outside
 from rovtwin.commission.proving.bands import DRAWS, Held, Track, held, track_of
 from rovtwin.commission.proving.efforts import Foreseen, agrees, effort
 from rovtwin.commission.proving.flights import drawn
@@ -18,8 +19,9 @@ from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.datum import utc_now
 from rovtwin.core.log import Log
+from rovtwin.core.user_files.config import parse
 from rovtwin.live.flight import fly_live
-from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.compose.composition import compose, vehicle_of
 from rovtwin.runs.fly import Flight
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
@@ -102,14 +104,18 @@ def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | Non
     notes: list[Check] = []
 
     def arm(readiness: Any) -> bool:
+        if place := outside(fenced, readiness.start.position):
+            notes.append(Check("stop", "place", place, "Put it into the middle, and check the origin of positions."))
+            return False
         if readiness.missing:
             text = f"no readings of {', '.join(readiness.missing)}: predicted with them, flown without."
             notes.append(Check("warning", "sensors", text, "Take them out of the vehicle's file, or mend them."))
         return work.may_move(f"Fly the four corners now? Thrusters will turn for about {lasting:.0f} s; hands away.")
 
+    fenced = _fenced(work, scenario)
     with work.connected(scenario) as there:
         flight = fly_live(
-            scenario,
+            fenced,
             there.link,
             there.sources,
             there.clock,
@@ -119,10 +125,27 @@ def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | Non
             say=work.person.progress,
             warn=work.person.say,
         )
+    if any(note.verdict == "stop" for note in notes):
+        return None, notes
     if flight.summary["reason"] == "not armed":
         fix = "Repeat this stage when the vehicle may move."
         return None, [*notes, Check("stop", "flight", "not flown: it was not confirmed.", fix)]
     return flight, notes
+
+
+def _fenced(work: Work, scenario: Scenario) -> Scenario:
+    """The scenario with a fence where the hull would touch walls or floor, whichever way it points."""
+    tank, corners = work.request.room, np.asarray(vehicle_of(scenario).model().hull.corners)
+    half = 0.5 * np.array(tank.sizes[:2]) - float(np.hypot(*corners[:, :2].T).max())
+    polygon = [[north * half[0], east * half[1]] for north, east in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
+    rules = {
+        "geofence": {"polygon": polygon, "after": LASTING, "action": "stop"},
+        "depth_limit": {"limit": tank.depth - float(corners[:, 2].max())},
+    }
+    data = scenario.model_dump(mode="json", exclude_unset=True)
+    section = dict(data.get("autopilot") or {})
+    data["autopilot"] = section | {"supervisor": dict(section.get("supervisor") or {}) | rules}
+    return parse(Scenario, data, "commission")
 
 
 def _judged(work: Work, made: Prediction, flight: Flight) -> tuple[list[Check], dict[str, Any]]:

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.files import cannot, read_bytes
+from rovtwin.live.connect import on_this_machine
 from rovtwin.planning.tank import Tank
 from rovtwin.vehicle import Vehicle, load_vehicle
 
@@ -66,8 +67,13 @@ class Request:
         self.load_prior()
 
     def fingerprint(self) -> str:
-        """SHA-256 of the vehicle as it is described now, so that a stage notices that it has changed since."""
-        return hashlib.sha256(repr(self.load_vehicle().to_dict()).encode()).hexdigest()
+        """SHA-256 of what stages depend on, so that they notice that it has changed since they were passed.
+
+        That is the vehicle as it is described now, the tank, and whether a twin or a real vehicle is at the other end:
+        what a twin has passed says nothing of a real one.
+        """
+        about = (self.load_vehicle().to_dict(), Tank.parse(self.tank).sizes, on_this_machine(self.link))
+        return hashlib.sha256(repr(about).encode()).hexdigest()
 
     def absolute(self) -> Self:
         """With files named so that another working directory finds them."""

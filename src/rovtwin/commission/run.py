@@ -60,10 +60,10 @@ def _due(dossier: Dossier, stages: Sequence[Stage], only: Sequence[str]) -> list
     todo = [(k + 1, stage) for k, (stage, words, _) in enumerate(rows) if words != "passed" and not only]
     again = [(k + 1, stage) for k, stage in enumerate(stages) if stage.name in only]
     if again:
-        first = again[0][0]
-        missing = [stage.name for stage, words, _ in rows[: first - 1] if words in ("to do", "no-go", "cut off")]
-        if missing:
-            raise ConfigError(f"--stage {only[0]}: {missing[0]} comes first and is not passed; leave --stage out")
+        for number, stage in again:
+            before = [one.name for one, words, _ in rows[: number - 1] if words != "passed" and one.name not in only]
+            if before:
+                raise ConfigError(f"--stage {stage.name}: {before[0]} comes first and is not passed; leave --stage out")
     return again or todo
 
 

@@ -20,6 +20,7 @@ WORDS = {"surge": ("ahead", "stern"), "sway": ("to starboard", "port side"), "he
 SECONDS, SETTLED, RISE = 10.0, 4.0, 1.0  # of a pull, after which it is read, and in which it grows [s]
 GROWING = (0.2, 0.4, 0.6, 0.8)  # so that the line does not jerk
 SURE, RESOLVED, AFLOAT = 0.02, 0.005, 2.0  # sd: share of the reading, of the scale's range, of net buoyancy [N]
+TIPPED, CLEAR = float(np.radians(25.0)), 0.1  # on a line that slipped: tilt [rad] and room above the floor [m]
 USED = 0.8  # of the scale's range at most
 LEAST = 0.5  # command below which a pull says little of full thrust
 ODD, WRONG = 0.2, 2.0  # difference from the file that warns, factor that stops
@@ -181,6 +182,7 @@ def _pulled(work: Work, pull: Pull) -> float | Check:
         f"{SETTLED:g} s have passed: about {pull.expected:.0f} N.",
     ):
         work.person.say(line)
+    model = work.vehicle.model()
     scenario = work.scenario({"test": {"manoeuvres": [{"manoeuvre": "rest"}]}})  # of its sensors; nothing flies it
     steps = [Pulse("growing", share * pull.u, RISE / len(GROWING)) for share in GROWING]
     with work.connected(scenario) as there:
@@ -191,7 +193,7 @@ def _pulled(work: Work, pull: Pull) -> float | Check:
             there.clock,
             work.folder / f"pull_{pull.direction}",
             [*steps, Pulse(f"pulling {way}", pull.u, SECONDS)],
-            Guard(),
+            Guard(TIPPED, work.request.room.depth - float(np.asarray(model.hull.corners)[:, 2].max()) - CLEAR),
             lambda: work.may_move(f"Tied, and hands away? May the thrusters pull {way} for {SECONDS:g} s?"),
             lambda t, what: work.person.progress(what, min(t / (RISE + SECONDS), 1.0)),
         )

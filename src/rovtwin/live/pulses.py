@@ -16,6 +16,7 @@ from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import LogWriter
 from rovtwin.core.numerics import Array
+from rovtwin.core.sensors import kind_of
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.live.flight import metadata_of
 from rovtwin.live.readiness import SensorMux, listen
@@ -152,6 +153,7 @@ class _Run:
         self._to_body = np.eye(3) if rotation is None else np.asarray(rotation).T
         self._counts: dict[str, int] = {}
         self._pace = Pace()
+        self._last = dict.fromkeys(NEEDED, clock())  # when each came [s]
         mux.drain()
         mux.zero = self._began = clock.next(self._dt)
         writer.annotate(beginning(scenario, utc_now()))
@@ -194,21 +196,28 @@ class _Run:
     def _watched(self, readings: Sequence[Measurement]) -> str:
         if self._link.age > SILENT:
             return f"link lost: nothing came from the vehicle for {self._link.age:.1f} s"
+        now = self._clock()
+        if quiet := [name for name in NEEDED if now - self._last[name] > SILENT * max(1.0, self._clock.speed)]:
+            return f"{quiet[0]} fell silent, and nobody would see it tip over"
         for reading in readings:
+            value = np.asarray(reading.value, dtype=float)
+            if kind_of(reading.sensor) == "leak" and np.any(value > 0.5):  # whether the file has such a sensor or not
+                return "the leak sensor reports water"
             if reading.sensor not in self._names:
                 continue
-            value = np.asarray(reading.value, dtype=float)
+            if reading.sensor in self._last:
+                self._last[reading.sensor] = self._clock()
             t = max(0.0, self._clock() - self._began)
             self._writer.write(f"sensor/{reading.sensor}", t, np.append(value, reading.t_valid))
             self._counts[reading.sensor] = self._counts.get(reading.sensor, 0) + 1
             if reading.sensor == "attitude":
                 R_nb = rotation_from_euler(value[None])[0] @ self._to_body
                 tilt = float(np.arccos(np.clip(R_nb[2, 2], -1.0, 1.0)))
+                if not np.isfinite(tilt):
+                    return "its attitude is no number"
                 if tilt > self._guard.tilt:
                     most = np.degrees(self._guard.tilt)
                     return f"it tilted by {np.degrees(tilt):.0f} deg, at most {most:.0f} are allowed"
-            if reading.sensor == "leak" and value[0] > 0.5:
-                return "the leak sensor reports water"
             if reading.sensor == "pressure" and value[0] > self._guard.deepest:
                 return f"it was {value[0]:.2f} m deep, at most {self._guard.deepest:.2f} m are allowed"
         return ""

@@ -166,6 +166,7 @@ class Terminal:
             self.say(f"{question} yes (--yes)")
             return True
         self._bar.stop()
+        _forget_keys()
         answer = typer.confirm(question, default=False, err=True)
         self._bar.start()
         return answer
@@ -194,6 +195,14 @@ class Terminal:
 
     def progress(self, what: str, share: float | None = None) -> None:
         self._bar.update(self._task, description=what, total=None if share is None else 1.0, completed=share or 0.0)
+
+
+def _forget_keys() -> None:
+    """What was typed before a question is no answer to it."""
+    import termios
+
+    if sys.stdin.isatty():
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
 
 def _print_page(screen: Console, stage: "Stage", attempt: "Attempt") -> None:

@@ -66,12 +66,19 @@ def _velocity(motion: Motion, a: np.ndarray) -> Iterator[Check]:
     if velocity is None:
         return
     x, y = _leaky(a)[:, :2], _leaky(velocity[1])[:, :2]
-    if float(np.sqrt(np.mean(x**2))) < MOVED:
+    if np.sqrt(np.mean(x**2, axis=0)).max() < MOVED:
         yield Check("note", "dvl", "pushes moved it too little to compare the velocity with the accelerometer")
         return
-    A = np.linalg.lstsq(x, y, rcond=None)[0].T
-    turn = float(np.degrees(np.arctan2(A[1, 0] - A[0, 1], A[0, 0] + A[1, 1])))
-    scale = float(np.sqrt(abs(np.linalg.det(A))))
+    # Of a vehicle that is pushed along one axis only, the other says nothing.
+    moved = np.sqrt(np.mean(x**2, axis=0)) > MOVED
+    A = np.linalg.lstsq(x[:, moved], y, rcond=None)[0].T
+    if moved.all():
+        turn = float(np.degrees(np.arctan2(A[1, 0] - A[0, 1], A[0, 0] + A[1, 1])))
+        scale = float(np.sqrt(abs(np.linalg.det(A))))
+    else:
+        own = int(np.flatnonzero(moved)[0])
+        across = A[1 - own, 0] * (1.0 if own == 0 else -1.0)
+        turn, scale = float(np.degrees(np.arctan2(across, A[own, 0]))), float(np.hypot(*A[:, 0]))
     if abs(turn) > TURNED:
         text = f"velocity is turned by {turn:.0f} deg about z against the accelerometer."
         yield Check("stop", "dvl", text, "Write how it is mounted (`attitude_deg`), or turn it.")

@@ -30,9 +30,6 @@ def corrected(vehicle: Vehicle, found: Sequence[Verdict], path: Path) -> bool:
         if verdict.what == "reversed":
             _turn(row)
             changed = True
-        elif verdict.what == "rotated" and verdict.direction is not None:
-            row["direction"] = [round(x, 4) for x in verdict.direction]
-            changed = True
     places = {name: k for k, name in enumerate(vehicle.thruster_names)}
     for name, other in {tuple(sorted((v.name, v.other))) for v in found if v.what == "swapped"}:
         first, second = rows[places[name]], rows[places[other]]
@@ -42,10 +39,26 @@ def corrected(vehicle: Vehicle, found: Sequence[Verdict], path: Path) -> bool:
             first |= {} if there is None else {key: there}
             second |= {} if here is None else {key: here}
         changed = True
-    if changed:
-        vehicle_from_dict(data, str(path))  # or it would be no vehicle
+    if changed and np.allclose(_columns(vehicle_from_dict(data, str(path))), _intended(vehicle, found), atol=1e-6):
         write_text(path, "# As rovtwin commission found its thrusters; compare before you use it.\n" + dump_yaml(data))
-    return changed
+        return True
+    return False
+
+
+def _columns(vehicle: Vehicle) -> np.ndarray:
+    return np.asarray(vehicle.model().thrusters.configuration)
+
+
+def _intended(vehicle: Vehicle, found: Sequence[Verdict]) -> np.ndarray:
+    """Columns of the thrusters as they were found: names in one part may mean other places in another."""
+    T = _columns(vehicle).copy()
+    before, names = T.copy(), list(vehicle.thruster_names)
+    for i, one in enumerate(found):
+        if one.what == "reversed":
+            T[:, i] = -before[:, i]
+        elif one.what == "swapped":
+            T[:, i] = before[:, names.index(one.other)]
+    return T
 
 
 def _thrusters(body: dict[str, Any]) -> Any:
