@@ -22,7 +22,7 @@ def test_what_is_missing_is_named_with_the_extra(module):
         imported(module, "survey", "a survey", LinkError)
 
 
-def test_what_cannot_be_imported_is_said(tmp_path, monkeypatch):
+def test_what_cannot_be_imported_is_reported(tmp_path, monkeypatch):
     (tmp_path / "half_installed.py").write_text("import nothing_of_the_kind")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ConfigError, match="half_installed, which is installed but cannot be imported: No module"):

@@ -113,7 +113,8 @@ def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | Non
         return work.may_move(f"Fly the four corners now? Thrusters will turn for about {lasting:.0f} s; hands away.")
 
     fenced = _fenced(work, scenario)
-    with work.connected(scenario) as there:
+    # A twin is the vehicle as it was described: flown as it was identified it would agree with itself.
+    with work.connected(fenced.model_copy(update={"vehicle": work.request.vehicle})) as there:
         flight = fly_live(
             fenced,
             there.link,
@@ -232,5 +233,7 @@ def _row(one: Held) -> dict[str, Any]:
 
 def _track_of_log(log: Log) -> Track | None:
     eta, mode = log["autopilot/eta"], log["autopilot/mode"]
+    if not len(eta.t) or not len(mode.t):  # lost at once
+        return None
     pose = np.column_stack([eta[name] for name in eta.channel.fields])
     return track_of(eta.t, pose, np.interp(eta.t, mode.t, mode["waypoint"]))
