@@ -42,7 +42,7 @@ class RemoteLink(Link):
         Raises:
             LinkError: The vehicle cannot be reached.
         """
-        self._process, self._pipe = started(host.main, opener, thrusters, stop_at, name="rovtwin-link")
+        self._process = self._start(opener, thrusters, stop_at)
         self._failed: str | None = None
         self._readings: list[Measurement] = []
         self._begun, self._open, self._stopped, self._closed = False, False, False, False
@@ -56,6 +56,11 @@ class RemoteLink(Link):
         if not self._open:
             self.close()
             raise LinkError(self._failed or self._nobody(patience))
+
+    def _start(self, opener: Opener, thrusters: int, stop_at: Path | None) -> Any:
+        """Start the host at the other end of `_pipe`; what it runs in."""
+        process, self._pipe = started(host.main, opener, thrusters, stop_at, name="rovtwin-link")
+        return process
 
     def _nobody(self, patience: float) -> str:
         """What to say when nothing came in time."""

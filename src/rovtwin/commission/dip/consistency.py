@@ -44,7 +44,11 @@ def _depth(motion: Motion, down: np.ndarray) -> Iterator[Check]:
     depth = motion.values("depth")
     if depth is None:
         return
-    rate = np.nan_to_num(depth[1][:, 0])
+    lever = motion.record.signals["depth"].lever
+    assert motion.rotation is not None  # of `compared`
+    # What a sensor away from CO moves up and down by roll and pitch alone.
+    tilting = np.gradient(np.nan_to_num(motion.rotation[:, 2, :]) @ lever, STEP)
+    rate = np.nan_to_num(depth[1][:, 0]) - tilting
     a, b = _leaky(down), _leaky(np.gradient(rate, STEP))
     moved, likeness = float(np.sqrt(np.mean(a**2))), float(np.corrcoef(a, b)[0, 1]) if np.ptp(b) > 0 else 0.0
     if moved < MOVED or abs(likeness) < TELLS:

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from rovtwin.commission.dip.response import LAGS, Columns, columns
+from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle.physics.model import Model
 
@@ -93,7 +94,10 @@ def diagnose(model: Model, record: Record, names: list[str], floor: float = np.i
         likeness = partial(_refitted, model, record, found, sensor, rows=rows, floor=floor)
         tried = [(words, order, likeness(order)) for words, order in _orders()]
         words, order, after = max(tried, key=lambda one: one[2])
-        if after > max(GOOD, before + BETTER):
+        rival = max(_likeness(found.measured[rows], one[rows], right) for one in _mixed_up(found.expected))
+        if sensor == "gyro" and _agrees_better(record, order):
+            rival = 0.0  # the attitude, which no thruster changes, says so too
+        if after > max(GOOD, before + BETTER, rival):
             mistakes.append(AxisMistake(sensor, words, before, after))
             record = _turned(record, sensor, order)
     found = columns(model, record, floor, lags)
@@ -109,6 +113,28 @@ def _refitted(
         return _likeness(found.measured[rows], found.expected[rows], _judged(found)[rows])
     measured = order @ np.nan_to_num(found.measured[rows])
     return _likeness(measured, found.expected[rows], _pushed(found)[rows])
+
+
+def _agrees_better(record: Record, order: np.ndarray) -> bool:
+    """Whether the gyro agrees better with the rate of the attitude if its axes are put in this order."""
+    motion = Motion.of(record)
+    gyro, rate = motion.values("gyro"), motion.rate_of_attitude
+    if gyro is None or rate is None:
+        return False
+    good = np.isfinite(gyro[0]).all(axis=1) & np.isfinite(rate).all(axis=1)
+    a, b = gyro[0][good], rate[good]
+    return bool(((a @ order.T) * b).sum() > (a * b).sum() + BETTER * np.sqrt((a**2).sum() * (b**2).sum()))
+
+
+def _mixed_up(expected: np.ndarray) -> Iterator[np.ndarray]:
+    """Expected columns with one thruster reversed or two swapped: what may look like a mistake of axes and is none."""
+    count = expected.shape[1]
+    for i in range(count):
+        yield np.where(np.arange(count) == i, -expected, expected)
+        for k in range(i):
+            order = np.arange(count)
+            order[[i, k]] = k, i
+            yield expected[:, order]
 
 
 def _turned(record: Record, sensor: str, order: np.ndarray) -> Record:
