@@ -179,9 +179,9 @@ def _judged(work: Work, made: Prediction, flight: Flight) -> tuple[list[Check], 
 def _path(one: Held) -> Check:
     low, high = (100.0 * share for share in one.usual)
     text = (
-        f"{100.0 * one.inside:.1f} % of {one.samples} samples inside the 95 % band; of drawn flights 95 % have {low:.0f} "
-        f"to {high:.0f} %, and {100.0 * one.chance:.1f} % so few or fewer (samples are correlated: as good as "
-        f"{one.effective:.0f} independent ones)"
+        f"{100.0 * one.inside:.1f} % of {one.samples} samples inside the 95 % band; of drawn flights 95 % have "
+        f"{low:.0f} to {high:.0f} %, and {100.0 * one.chance:.1f} % so few or fewer (samples are correlated: as good "
+        f"as {one.effective:.0f} independent ones)"
     )
     if one.agrees:
         return Check("ok", one.axis, text)
