@@ -100,7 +100,9 @@ def test_in_one_piece_takes_static_arguments_by_name_and_uses_up_what_is_given_a
 
 def test_what_is_compiled_once_is_not_optimised_unless_the_user_says_how(monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "")
-    assert unoptimised() == {"xla_backend_optimization_level": 0}
+    plain = {"xla_backend_optimization_level": 0}
+    found = unoptimised()
+    assert found is not None and plain.items() <= found.items()
     np.testing.assert_allclose(jit_once(lambda x, n: x**n, static_argnames="n")(jnp.arange(3.0), n=2), [0.0, 1.0, 4.0])
     monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=2")
     assert unoptimised() is None
