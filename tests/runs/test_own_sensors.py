@@ -198,7 +198,7 @@ def test_without_consent_nothing_is_imported(folder, monkeypatch):
         ("probes:Timed", "kind: fields .* expected one or more different names"),
         ("probes:Framed", "kind.frame: found 'enu', expected one of"),
         ("probes:Noisy", "kind.std: found -0.1, expected a finite number, 0 or more"),
-        ("probes:Short", r"output of step: found  float64\[1\], expected float64\[2\]"),
+        ("probes:Short", r"output of step: found float64\[1\], expected float64\[2\]"),
         ("probes:Deep", "step failed: TypeError"),  # this world has no floor
         ("probes:Growing", "memory after step"),
         ("probes:Gone", "found no 'Gone' in probes"),
@@ -244,7 +244,7 @@ def test_an_observer_of_ones_own_reads_it():
 def test_the_contract_names_what_is_wrong():
     made = {name: own_sensor(OwnSensorSection(kind=f"probes:{name}"), "here") for name in ("Probe", "Short", "Nothing")}
     check_sensor(made["Probe"])
-    with pytest.raises(AssertionError, match=r"output of step: found  float64\[1\]"):
+    with pytest.raises(AssertionError, match=r"output of step: found float64\[1\]"):
         check_sensor(made["Short"])
     with pytest.raises(AssertionError, match="no finite number"):
         check_sensor(made["Nothing"])
