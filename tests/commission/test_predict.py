@@ -13,6 +13,7 @@ from rovtwin.commission.proving import prediction
 from rovtwin.commission.proving.bands import Held
 from rovtwin.commission.proving.efforts import Foreseen
 from rovtwin.commission.request import sha256
+from rovtwin.core.errors import ConfigError
 from rovtwin.live import connect
 from rovtwin.runs.compose.composition import compose
 
@@ -20,8 +21,8 @@ DRAG = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahea
 
 
 def test_without_an_identified_file_nothing_is_predicted(tmp_path):
-    outcome = predict.run(work_on(identified_so_far(tmp_path / "c", None), "predict", Asked()))
-    assert not outcome.go and "identify" in outcome.reasons[0]
+    with pytest.raises(ConfigError, match="stage identify first"):
+        predict.run(work_on(identified_so_far(tmp_path / "c", None), "predict", Asked()))
 
 
 def with_more_drag(scenario):

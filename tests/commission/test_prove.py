@@ -5,6 +5,7 @@ from tests.commission.proving.dossiers import Asked, identified_so_far, work_on
 
 from rovtwin.commission import prove
 from rovtwin.commission.prove import Cell, largest_current, shown
+from rovtwin.core.errors import ConfigError
 
 
 def cells(*succeeded, of=20, sea=0.0):
@@ -46,5 +47,5 @@ def test_missions_of_a_cell_are_counted_by_what_ended_them():
 
 def test_without_an_identified_file_nothing_is_proven(tmp_path):
     work = work_on(identified_so_far(tmp_path / "c", None), "prove", Asked())
-    outcome = prove.run(work)
-    assert not outcome.go and "identify" in outcome.reasons[0]
+    with pytest.raises(ConfigError, match="stage identify first"):
+        prove.run(work)

@@ -35,10 +35,7 @@ UNTRUE = "The model does not predict this flight: look for what has changed, the
 
 def run(work: Work) -> Outcome:
     """The page of the prediction and its flight."""
-    path = work.file("identify", "vehicle_file")
-    if path is None:
-        text = "no identified file of this commissioning: nothing says how sure the model is."
-        return Outcome((Check("stop", "model", text, "Pass the stage identify first."),))
+    path = work.identified()
     vehicle = load_vehicle(str(path))
     work.person.progress("predicting: sizing the mission")
     mission = in_tank(vehicle, work.request.room, _accuracy(work, vehicle, str(path)))

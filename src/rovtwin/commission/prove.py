@@ -76,10 +76,7 @@ class Cell:
 
 def run(work: Work) -> Outcome:
     """The page of the proof."""
-    path = work.file("identify", "vehicle_file")
-    if path is None:
-        text = "no identified file of this commissioning: nothing says how sure the model is."
-        return Outcome((Check("stop", "model", text, "Pass the stage identify first."),))
+    path = work.identified()
     vehicle = load_vehicle(str(path))
     scenario = work.scenario({"world": OPEN} | open_water(vehicle.model()), str(path))
     scenario, tuning, figures = tuned(work, scenario)

@@ -55,11 +55,22 @@ class Work:
         passed, name = self.dossier.passed(stage), self.dossier.measured(stage).get(key)
         return None if passed is None or not name else passed.folder / str(name)
 
+    def identified(self) -> Path:
+        """The file that this commissioning has identified; ConfigError where there is none."""
+        found = self.file("identify", "vehicle_file")
+        if found is None:
+            raise ConfigError(
+                "no identified file of this commissioning: nothing says how sure the model is. Pass the stage identify "
+                "first"
+            )
+        return found
+
     def current_vehicle(self) -> str:
         """File or name of the best description so far: identified here, else as given."""
         for stage in ("identify", "excite"):
             found = self.file(stage, "vehicle_file")
-            if found is not None and found.exists():
+            same = self.dossier.passed(stage, self.request.fingerprint()) is not None
+            if same and found is not None and found.exists():
                 return str(found)
         return self.request.vehicle
 

@@ -109,7 +109,7 @@ class Zipped:
             raise ConfigError(f"{self.where}: {name} is encrypted, expected a plain zip: unpack it first")
 
     def open(self, path: str) -> BinaryIO:
-        return self._archive.open(self._within + path)  # type: ignore[return-value]
+        return self._archive.open(self._within + path)  # type: ignore[return-value]  (its stub says IO[bytes])
 
     @contextmanager
     def on_disk(self, paths: list[str]) -> Iterator[Path]:

@@ -55,7 +55,7 @@ class AxisMistake:
     Attributes:
         sensor: `gyro` or `accelerometer`, whose axes it is.
         words: What was done to them.
-        before: Mean cosine of columns as written, and after it is put right.
+        before: Least cosine of the rows of axes as written, and after they are put right.
         after: See `before`.
     """
 

@@ -4,8 +4,10 @@ Accelerations come from the gyro (its rate) and the accelerometer,
 
     nu_dot_1 = f + R_nb' g - omega_dot x r - omega x (omega x r),
 
-r being where it sits. What attitude, rates and recent motion explain is taken out first (as in
-`identification.logs.response`), so that masses and drag of the file hardly matter.
+r being where it sits: the inverse of `vehicle.physics.measurement.acceleration_of_point`. What attitude, rates and
+recent motion explain is taken out first (as in `identification.logs.response`), so that masses and drag of the file
+hardly matter. Reference for the two steps of the regression: Frisch and Waugh (1933), Partial time regressions as
+compared with individual trends, Econometrica 1(4).
 """
 
 from collections.abc import Sequence

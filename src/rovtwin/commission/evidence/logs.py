@@ -11,7 +11,7 @@ from rovtwin.core.log import repair
 from rovtwin.identification.checks.check import check_record
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.identification.logs.record import Record
-from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle import Model, Vehicle
 
 LEAST = 5.0  # of a test that is used [s]: one that ended as it began has neither motion nor a clock to check
 FIX = "Look at it with `rovtwin evidence check`; to fly it again, mend the cause and move the log out of the folder."
@@ -92,10 +92,10 @@ def _read(log: Path, vehicle: Vehicle, folder: Path) -> tuple[Path, list[Record]
         return out, read_records(out, vehicle), [Check("note", _name(log), text)]
 
 
-def _looked_over(records: Sequence[Record], model: object, thrusters: Sequence[str]) -> Iterator[Check]:
+def _looked_over(records: Sequence[Record], model: Model, thrusters: Sequence[str]) -> Iterator[Check]:
     """What cannot be right stops; what is unusual warns."""
     for record in records:
-        for one in check_record(record, model, thrusters):  # type: ignore[arg-type]
+        for one in check_record(record, model, thrusters):
             if one.severity == "error":
                 yield Check("stop", f"{record.name}, {one.where}", one.message, f"{one.fix} {FIX}".strip())
             elif one.severity == "warning":

@@ -24,7 +24,8 @@ _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 def in_tank(work: Work, plan: Plan) -> Scenario:
     """The plan as a scenario that goes to the tank's middle first and is ended by a fence."""
-    manoeuvres = [one.model_dump(mode="json") for one in plan.scenario.test.manoeuvres]  # type: ignore[union-attr]
+    assert plan.scenario.test is not None  # a plan is a test
+    manoeuvres = [one.model_dump(mode="json") for one in plan.scenario.test.manoeuvres]
     home = max([2.0 * one["home"] for one in manoeuvres] + [LEAST_HOME])
     first = {"manoeuvre": "rest", "duration": 0.5, "home": home}
     test = {"name": "excite", "home_at_start": True, "manoeuvres": [first, *manoeuvres]}

@@ -1,5 +1,7 @@
 """Picture of a pull on a scale: where the line is tied, which way the vehicle pulls, what is read off."""
 
+from typing import Any
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
@@ -53,10 +55,10 @@ def draw_bollard(direction: str, command: float, seconds: float, expected: float
 def _arrangement(axes: Axes, upright: bool) -> None:
     """Fixed point, scale, line, vehicle, arrow."""
 
-    def box(along: tuple[float, float], half: float, **style: object) -> None:
+    def box(along: tuple[float, float], half: float, **style: Any) -> None:
         (x0, y0), (x1, y1) = (_at(a, b, upright) for a, b in zip(along, (-half, half), strict=True))
         corner = (min(x0, x1), min(y0, y1))
-        axes.add_patch(Rectangle(corner, abs(x1 - x0), abs(y1 - y0), **style))  # type: ignore[arg-type]
+        axes.add_patch(Rectangle(corner, abs(x1 - x0), abs(y1 - y0), **style))
 
     box((0.2, _FIXED), 0.8, color=GREY)
     box(_SCALE, 0.25, fill=False, edgecolor=ORANGE, linewidth=1.5)
