@@ -14,7 +14,7 @@ from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.identification.identify import identify
 from rovtwin.vehicle import load_vehicle
 
-NAMES = ("paper", "bench", "dip", "scale", "excite", "identify", "prove", "predict")
+NAMES = ("paper", "bench", "dip", "drill", "scale", "excite", "identify", "prove", "predict")
 STAGES = tuple(
     Stage(name, name.capitalize(), f"what {name} finds out", "Go on.", False, lambda work: Outcome()) for name in NAMES
 )
@@ -44,6 +44,13 @@ MEASURED: dict[str, dict[str, Any]] = {
         "battery_v": 15.9,
     },
     "dip": {"thrusters": [{"thruster": "port.surge", "verdict": "ok", "share": 0.98}]},
+    "drill": {
+        "thrusters_off": [
+            {"event": event, "axis": "yaw", "seconds": seconds, "interval_95": [seconds - 0.02, seconds + 0.03],
+             "within_s": within, "command": 0.6}
+            for event, seconds, within in (("STOP", 0.04, 0.5), ("the line is cut", 1.9, 5.0))
+        ],
+    },
     "scale": {"anchors": [{"bollard": {"direction": "surge", "command": 1.0, "force": 31.2, "sd": 0.6}}]},
     "excite": {"logs": ["part-1/log.mcap"], "vehicle_file": "so_far.yaml", "minutes": 7.5, "intervals": []},
     "identify": {

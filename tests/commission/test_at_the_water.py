@@ -10,9 +10,12 @@ from rovtwin.commission import bench
 from rovtwin.commission import work as working
 from rovtwin.commission.dip import stage as dip
 from rovtwin.commission.dossier import Dossier
+from rovtwin.commission.drill import stage as drill
 from rovtwin.commission.request import Request
 from rovtwin.commission.work import Work
 from rovtwin.core.flow import Measurement
+from rovtwin.core.link import COMMAND_LIFE
+from rovtwin.links.twin import TwinLink
 
 DEEPEST = 1.5
 
@@ -136,3 +139,22 @@ def test_the_dip_names_what_is_mounted_wrong(tmp_path, monkeypatch, mistake):
 def test_other_vehicles_pass_the_dip_too(tmp_path, monkeypatch, vehicle):
     found = dip.run(begun(tmp_path, monkeypatch, vehicle)[0])
     assert {one["what"] for one in found.measured["thrusters"]} <= {"ok", "unseen"}, found.measured
+
+
+@pytest.mark.slow
+def test_the_drill_times_a_stop_and_a_silence(tmp_path, monkeypatch):
+    found = drill.run(begun(tmp_path, monkeypatch)[0])
+    assert found.go, found.reasons
+    stop, silent = found.measured["thrusters_off"]
+    assert stop["interval_95"][0] <= 0.04 and stop["seconds"] < 0.1
+    assert silent["seconds"] == pytest.approx(COMMAND_LIFE, abs=0.06)
+
+
+@pytest.mark.slow
+def test_the_drill_names_a_stop_that_stops_nothing(tmp_path, monkeypatch):
+    """A link that goes on by itself with the last command."""
+    work, made = begun(tmp_path, monkeypatch)
+    monkeypatch.setattr(Corrupted, "stop", lambda self: None)
+    monkeypatch.setattr(TwinLink, "command", property(lambda self: self._u))
+    found = stops(drill.run(work))
+    assert list(found) == ["stop"] and "still on after" in found["stop"]

@@ -14,7 +14,7 @@ from rovtwin.commission.evidence.logs import Flown
 from rovtwin.commission.request import Request
 from rovtwin.commission.stage import Check, Outcome, Stage
 from rovtwin.commission.work import Work
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.planning.tank import Tank
 from rovtwin.vehicle import load_vehicle
 
@@ -59,7 +59,7 @@ class Bench:
     def estimate(self, records):
         return SimpleNamespace(rows=rows(self.widths[len(records) - 1]), doubts=self.doubts)
 
-    def plan(self, vehicle, reference, minutes, tank, bollard, seed, progress, by_hand):
+    def plan(self, vehicle, reference, minutes, tank, bollard, seed, progress, by_hand, positions):
         self.planned.append(SimpleNamespace(reference=reference, minutes=minutes, bollard=bollard, by_hand=by_hand))
         expected = SimpleNamespace(minutes=np.array([minutes]))
         return SimpleNamespace(expected=expected, manoeuvres=["a", "b"], room=0.31, scenario=None)
@@ -142,7 +142,7 @@ def test_earlier_parts_are_used_and_not_flown_again(bench):
 
 
 def test_without_a_yes_nothing_is_flown(bench):
-    made = bench(person=Scripted(no=["May thrusters turn"]))
+    made = bench(person=Scripted(no=["may thrusters turn"]))
     outcome = excite.run(made.work)
     assert not outcome.go and not made.flown and "not confirmed" in outcome.reasons[0]
 
@@ -235,3 +235,23 @@ def test_a_planned_part_goes_to_the_middle_first_and_knows_its_fence(bench):
     assert room.outside(scenario, [0.1, 0.0, 0.0]) == "", "afloat it may begin"
     away = room.outside(scenario, [2.9, 0.0, 0.5])
     assert "north 2.90" in away and "expected within" in away
+
+
+def test_positions_that_err_by_half_a_metre_are_no_fence_in_a_tank(bench):
+    work = bench().work
+    acoustic = {"position": {"noise": 0.5, "rate_hz": 1.0}}
+    section = {"test": {"manoeuvres": [{"manoeuvre": "rest", "duration": 4.0}]}, "sensors": acoustic}
+    flown = SimpleNamespace(position=np.array([[0.3, 0.0, 0.75]]), attitude=np.array([[1.0, 0, 0, 0]]))
+    model = load_vehicle("double_blueye").model()
+    with pytest.raises(ConfigError, match=r"err by 0.5 m .* no fence .* qtm://"):
+        room.in_tank(work, SimpleNamespace(scenario=work.scenario(section), model=model, flown=flown))
+
+
+def test_positions_are_as_the_bench_has_measured_them(bench):
+    work = bench().work
+    assert work.scenario({}).sensors.by_name["position"].noise == pytest.approx(0.03), "motion capture"
+    row = {"name": "position", "rate_hz": 0.99, "noise": [0.2, 0.4, None]}
+    stage = Stage("bench", "", "", "", False, lambda work: Outcome())
+    work.dossier.end(work.dossier.next_attempt(2, stage), Outcome(measured={"sensors": [row]}))
+    found = work.scenario({}).sensors.by_name["position"]
+    assert (found.noise, found.rate_hz) == pytest.approx((0.4, 0.99))

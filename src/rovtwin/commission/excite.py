@@ -124,6 +124,7 @@ class _Excitation:
             work.request.seed + number,
             lambda what, share: work.person.progress(f"planning part {number}: {what}", share),
             by_hand=self.hands,
+            positions=work.positions(),
         )
 
     def _fly(self, plan: Plan, number: int) -> Check | None:
@@ -254,7 +255,7 @@ def _question(plan: Plan, number: int) -> str:
     minutes = float(plan.expected.minutes[-1])
     return (
         f"Part {number}: {len(plan.manoeuvres)} manoeuvres, {minutes:.1f} min; by the twin the hull stays "
-        f"{plan.room:.2f} m off walls, floor and surface. May thrusters turn?"
+        f"{plan.room:.2f} m off walls, floor and surface. Is it in the middle, and may thrusters turn?"
     )
 
 

@@ -2,6 +2,7 @@
 
 from rovtwin.commission import bench, certificate, estimate, excite, paper, predict, prove, scale
 from rovtwin.commission.dip import stage as dip
+from rovtwin.commission.drill import stage as drill
 from rovtwin.commission.stage import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -25,9 +26,17 @@ STAGES: tuple[Stage, ...] = (
         "dip",
         "Dip",
         "each thruster in turn at small command: does the vehicle move as its file says?",
-        "Have a scale or a known ballast mass ready.",
+        "Leave the vehicle in the middle of the tank, and keep hands away.",
         True,
         dip.run,
+    ),
+    Stage(
+        "drill",
+        "Fail-safe drill",
+        "STOP, a program that falls silent and a line that is cut, each with its time to thrusters off",
+        "Have a scale or a known ballast mass ready.",
+        True,
+        drill.run,
     ),
     Stage(
         "scale",

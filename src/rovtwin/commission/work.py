@@ -13,6 +13,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.link import Link, Source
 from rovtwin.core.user_files.config import parse
 from rovtwin.live.connect import as_read, connect, on_this_machine, source
+from rovtwin.planning.tank import MOTION_CAPTURE
 from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
@@ -74,6 +75,19 @@ class Work:
                 return str(found)
         return self.request.vehicle
 
+    def positions(self) -> dict[str, Any] | None:
+        """`sensors.position` of a scenario: as the bench has measured it, before that motion capture in the tank.
+
+        None where a part of the vehicle measures positions, and says how well.
+        """
+        if any(getattr(one.item, "kind", "") == "position" and not one.spare for one in self.vehicle.sensors):
+            return None
+        for row in self.dossier.measured("bench").get("sensors", []):
+            noise = [x for x in row.get("noise", [])[:2] if x is not None]
+            if row.get("name") == "position" and noise:
+                return {**MOTION_CAPTURE, "noise": max(noise), "rate_hz": row["rate_hz"]}
+        return dict(MOTION_CAPTURE)
+
     def scenario(self, changes: dict[str, Any], vehicle: str | None = None) -> Scenario:
         """A scenario of the vehicle in the test tank, its sensors as the link reads them.
 
@@ -89,17 +103,22 @@ class Work:
         walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
         data = {"name": "commission", "vehicle": vehicle or self.current_vehicle(), "world": walls}
         data |= {"start": {"position": tank.middle}, "seed": self.request.seed} | changes
+        if (positions := self.positions()) is not None:
+            data["sensors"] = {"position": positions} | dict(changes.get("sensors") or {})
         if not {"mission", "test"} & set(changes):
             data["mission"] = {"waypoints": [{"position": tank.middle}]}
         return as_read(self.request.link, parse(Scenario, data, "commission"))
 
     @contextmanager
-    def connected(self, scenario: Scenario, observe: bool = False) -> Iterator[Connected]:
+    def connected(
+        self, scenario: Scenario, observe: bool = False, beside: Connected | None = None
+    ) -> Iterator[Connected]:
         """The vehicle and its instruments, let go of at the end.
 
         Args:
             scenario: With the vehicle that is expected there.
             observe: Only look.
+            beside: A line to it that is open already: the new one is without instruments, and has its clock.
 
         Raises:
             ConfigError: A URL cannot be used.
@@ -108,10 +127,11 @@ class Work:
         speed, link = self.request.speed, self.request.link
         if speed != 1.0 and not on_this_machine(link):
             raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
-        clock = Clock(speed)
+        clock = Clock(speed) if beside is None else beside.clock
         with ExitStack() as stack:
             self.person.progress(f"connecting to {link}")
-            sources = [stack.enter_context(source(url, clock)) for url in self.request.sensors]
+            instruments = self.request.sensors if beside is None else ()
+            sources = [stack.enter_context(source(url, clock)) for url in instruments]
             vehicle = stack.enter_context(connect(link, scenario, clock, observe=observe))
             yield Connected(vehicle, sources, clock)
 

@@ -143,6 +143,10 @@ class RemoteLink(Link):
             self._stop_pending = False
             self._put("stop", None)
 
+    def cut(self) -> None:
+        """Kill the process that holds the link, as a crash would, for a drill: nothing tells the vehicle."""
+        self._process.kill()
+
     def close(self) -> None:
         if self._closed:
             return

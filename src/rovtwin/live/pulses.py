@@ -39,13 +39,15 @@ class Pulse:
 
     Attributes:
         what: In words.
-        command: From -1 to 1, shape (n,).
+        command: From -1 to 1, shape (n,); None: nothing is sent, as by a program that hangs.
         seconds: How long.
+        event: Done once as it begins, in place of its first command, as a STOP; None: nothing.
     """
 
     what: str
-    command: np.ndarray
+    command: np.ndarray | None
     seconds: float
+    event: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ def fly_pulses(
             return Pulsed(log, "it was not confirmed", (), {}, ready.rates)
         link.arm()
         try:
-            run = _Run(scenario, link, mux, clock, writer, guard, names, rotation)
+            thrusters = len(simulation.thruster_names)
+            run = _Run(scenario, link, mux, clock, writer, guard, thrusters, names, rotation)
             return Pulsed(log, *run.through(pulses, progress), ready.rates)
         finally:
             link.stop()
@@ -145,12 +148,14 @@ class _Run:
         clock: Clock,
         writer: LogWriter,
         guard: Guard,
+        thrusters: int,
         names: set[str],
         rotation: Array | None,
     ):
         self._link, self._mux, self._clock, self._writer, self._guard = link, mux, clock, writer, guard
         self._dt, self._names = scenario.control_dt, names
         self._to_body = np.eye(3) if rotation is None else np.asarray(rotation).T
+        self._off = np.zeros(thrusters)
         self._counts: dict[str, int] = {}
         self._pace = Pace()
         self._last = dict.fromkeys(NEEDED, clock())  # when each came [s]
@@ -169,29 +174,36 @@ class _Run:
                 start, last = k, k + round(pulse.seconds / self._dt)
                 spans.append((start * self._dt, last * self._dt, pulse.what))
                 while k < last and not ended:
-                    ended = self._tick(k, pulse.command) or ("interrupted" if interrupt.asked else "")
+                    event = pulse.event if k == start else None
+                    ended = self._tick(k, pulse.command, event) or ("interrupted" if interrupt.asked else "")
                     if k % max(1, round(0.5 / self._dt)) == 0:
                         progress(k * self._dt, pulse.what)
                     k += 1
                 if ended:
                     break
         if not ended.startswith("link lost"):
-            self._link.send(Command(np.zeros(len(pulses[0].command))))  # type: ignore[arg-type]  (NumPy: for a link)
+            self._send(self._off)
         self._writer.annotate({"spans": to_json(spans)})
         return ended, tuple(spans), self._counts
 
-    def _tick(self, k: int, command: np.ndarray) -> str:
+    def _tick(self, k: int, command: np.ndarray | None, event: Callable[[], None] | None) -> str:
         """Wait, read, look, send, log; why it ends, "" while it goes on."""
         self._pace.wait(self._began + k * self._dt, self._clock, self._clock.speed)
         try:
             ended = self._watched(self._mux.read())
             if ended:
                 return ended
-            self._link.send(Command(command))  # type: ignore[arg-type]  (NumPy: for a link)
+            if event is not None:
+                event()
+            elif command is not None:
+                self._send(command)
         except LinkError as error:
             return f"link lost: {error}"
-        self._writer.write(COMMAND, k * self._dt, command)
+        self._writer.write(COMMAND, k * self._dt, self._off if command is None else command)
         return ""
+
+    def _send(self, command: np.ndarray) -> None:
+        self._link.send(Command(command))  # type: ignore[arg-type]  (NumPy: it goes to a link)
 
     def _watched(self, readings: Sequence[Measurement]) -> str:
         if self._link.age > SILENT:

@@ -7,7 +7,7 @@ it is assumed to be. What each would tell about the parameters follows from the 
 
 import math
 import pathlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -34,7 +34,7 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
 from rovtwin.planning.rehearsal import Rehearsed, rehearse
 from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
-from rovtwin.planning.tank import Tank
+from rovtwin.planning.tank import MOTION_CAPTURE, Tank
 from rovtwin.report.plans.experiment import PlannedTest, draw_test_plan
 from rovtwin.runs.compose.experiment import pieces_of, spans_of
 from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
@@ -48,7 +48,6 @@ BOLLARD = 0.02  # full thrust is known to, before the test
 TIPPING = max(0.75 * RULES["attitude limit"].limit, 1.01 * np.arcsin(TIPPED))
 NOBODY = "releases left out: nobody tilts the vehicle; its damping in roll and pitch is tested by their couplings only"
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
-MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
 
@@ -139,6 +138,7 @@ def plan_tests(
     seed: int = 1,
     progress: Progress = lambda what, share: None,
     by_hand: bool = True,
+    positions: Mapping[str, Any] | None = None,
 ) -> Plan:
     """The test of so many minutes in a tank that is expected to tell most about a vehicle.
 
@@ -151,6 +151,8 @@ def plan_tests(
         seed: Of the candidates' multi-sines.
         progress: Told what is being done and how far it is, 0 to 1.
         by_hand: Whether somebody is there who tilts the vehicle for releases.
+        positions: What is other of the sensor of positions, as in a scenario's `sensors.position`, than of motion
+            capture.
 
     Raises:
         ConfigError: The vehicle does not fit the tank, or no candidate does.
@@ -163,7 +165,8 @@ def plan_tests(
     pulls = thesis_pulls(reference)
     margin = MARGIN * scales.length
     progress("flying the candidates", 0.0)
-    quick = [_scenario(reference, tank, [one], quick=True) for one in (*pool, *pulls)]
+    sensor = {**MOTION_CAPTURE, **(positions or {})}
+    quick = [_scenario(reference, tank, sensor, [one], quick=True) for one in (*pool, *pulls)]
     flown = rehearse(quick)
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(pool)]]
     usable = [i for i, room in enumerate(rooms) if room > margin]
@@ -180,7 +183,7 @@ def plan_tests(
     ours, theirs = _split(information, len(usable))
 
     def fly(order: list[int]) -> tuple[Scenario, Rehearsed]:
-        scenario = _scenario(reference, tank, [pool[usable[i]] for i in order])
+        scenario = _scenario(reference, tank, sensor, [pool[usable[i]] for i in order])
         return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
 
     touching = TOUCHING * scales.length
@@ -307,7 +310,9 @@ def _split(information: Information, at: int) -> tuple[Information, Information]
     return first, Information(information.matrices[at:], information.offsets, information.seconds[at:])
 
 
-def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quick: bool = False) -> Scenario:
+def _scenario(
+    reference: str, tank: Tank, position: dict[str, Any], manoeuvres: list[dict[str, Any]], quick: bool = False
+) -> Scenario:
     """A test in a tank; `quick` is for candidates: in open water, physics no faster than they need."""
     half = [0.5 * tank.length, 0.5 * tank.width]
     walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
@@ -315,7 +320,7 @@ def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quic
         "name": "planned_test",
         "vehicle": reference,
         "start": {"position": tank.middle},
-        "sensors": {"position": MOTION_CAPTURE},
+        "sensors": {"position": position},
         "world": {"surface": False} if quick else walls,
         "rates": {"physics": 100 if quick else 500},
         "duration": 86_400,

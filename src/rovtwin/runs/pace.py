@@ -71,9 +71,12 @@ class Pace:
         return late
 
     def figures(self) -> dict[str, float]:
-        """Median, 99th percentile (to the step's end) and largest lateness [ms], and time given up [s]."""
-        ends = np.append(EDGES[1:], 10.0)
-        share = np.cumsum(self.counts) / max(self.counts.sum(), 1)
+        """Median, 99th percentile (to the step's end) and largest lateness [ms], and time given up [s].
+
+        Lateness is 0 where no period has begun.
+        """
+        ends = np.append(EDGES[1:], 10.0) if self.counts.any() else np.zeros(len(EDGES))
+        share = np.cumsum(self.counts) / max(self.counts.sum(), 1) if self.counts.any() else np.ones(len(EDGES))
         half, most = (1e3 * float(ends[np.searchsorted(share, p)]) for p in (0.5, 0.99))
         return {
             "late_ms_p50": half,

@@ -34,7 +34,7 @@ def test_what_belongs_in_it_is_in_it(whole):
     assert names >= {
         "vehicle.yaml", "identified.yaml", "autopilot.yaml", "request.json", "versions.json", "README.txt",
         "certificate.html", "certificate.pdf", "stages/3-dip/1/outcome.json", "stages/3-dip/2/log.mcap",
-        "stages/5-excite/1/part-1/log.mcap", "stages/6-identify/1/identified.nc", "stages/8-predict/1/flight/log.mcap",
+        "stages/6-excite/1/part-1/log.mcap", "stages/7-identify/1/identified.nc", "stages/9-predict/1/flight/log.mcap",
     }  # fmt: skip
     assert not any("certificate/" in name for name in names)
     assert load_vehicle(str(whole[0] / "bundle" / "identified.yaml")).file.identified is not None
@@ -48,19 +48,19 @@ def test_nothing_in_it_tells_of_the_machine(whole):
         if path.is_file():
             content = path.read_bytes()
             assert not [word for word in secrets if word.encode() in content], path
-    log = Log.read(bundle / "stages/5-excite/1/part-1/log.mcap")
+    log = Log.read(bundle / "stages/6-excite/1/part-1/log.mcap")
     assert log.metadata["command"] == "rovtwin commission my.yaml -o "
-    assert log.metadata["note"] == "5-excite/1/part-1"
-    before = Log.read(whole[0].parents[1] / "5-excite/1/part-1/log.mcap")
+    assert log.metadata["note"] == "6-excite/1/part-1"
+    before = Log.read(whole[0].parents[1] / "6-excite/1/part-1/log.mcap")
     assert np.array_equal(before["sensor/depth"].values, log["sensor/depth"].values)
     assert log.metadata["created"] == before.metadata["created"]
 
 
 def test_a_file_that_was_cleaned_names_its_hash_of_before(whole):
     manifest = json.loads((whole[0] / "bundle" / "MANIFEST.json").read_text())
-    source = whole[0].parents[1] / "5-excite/1/part-1/log.mcap"
+    source = whole[0].parents[1] / "6-excite/1/part-1/log.mcap"
     before = {one["path"]: one["sha256_before"] for one in manifest["cleaned"]}
-    assert before["stages/5-excite/1/part-1/log.mcap"] == hashlib.sha256(source.read_bytes()).hexdigest()
+    assert before["stages/6-excite/1/part-1/log.mcap"] == hashlib.sha256(source.read_bytes()).hexdigest()
 
 
 def test_the_zip_holds_the_bundle(whole):
@@ -72,7 +72,7 @@ def test_the_zip_holds_the_bundle(whole):
 @pytest.mark.parametrize(
     ("text", "clean"),
     [
-        ("see {inside}/5-excite/1/log.mcap, then", "see 5-excite/1/log.mcap, then"),
+        ("see {inside}/6-excite/1/log.mcap, then", "see 6-excite/1/log.mcap, then"),
         ("-o {inside} --link x", "-o  --link x"),
         ("{inside}er/x", "er/x"),
         ("'/home/bob/boats/my.yaml'", "'my.yaml'"),
@@ -100,7 +100,7 @@ def test_a_binary_file_that_tells_is_left_out(tmp_path):
 
 
 def test_a_saved_identification_keeps_its_figures(whole, tmp_path):
-    source = whole[0] / "bundle" / "stages/6-identify/1/identified.nc"
+    source = whole[0] / "bundle" / "stages/7-identify/1/identified.nc"
     result = Identification.load(source)
     tells = replace(result, findings=[f"see {tmp_path / 'anna' / 'my.yaml'}: odd"])
     tells.save(tmp_path / "identified.nc")

@@ -17,7 +17,7 @@ from rovtwin.commission.certified.opening import opened
 from rovtwin.commission.certified.verify import verify
 from rovtwin.core.errors import ConfigError, IdentificationError
 
-PAPER, LOG = "stages/1-paper/1/outcome.json", "stages/5-excite/1/part-1/log.mcap"
+PAPER, LOG = "stages/1-paper/1/outcome.json", "stages/6-excite/1/part-1/log.mcap"
 
 
 def run(monkeypatch, capsys, *words) -> tuple[int, str, str]:
@@ -108,7 +108,7 @@ def test_other_versions_are_named(bundle):
 def derivable(bundle):
     """A bundle with something to derive again."""
     derived = Derived(
-        result="stages/6-identify/1/identified.nc", vehicle="identified.yaml", anchors=[],
+        result="stages/7-identify/1/identified.nc", vehicle="identified.yaml", anchors=[],
         tests=[TestEntry(log=LOG, name="part-1", use="fit", duration_s=10.0)],
         parameters=[ParameterEntry(name="a.b", unit="N", value=1.0, theta=0.0, sd=0.1)],
     )  # fmt: skip

@@ -32,6 +32,7 @@ def figures(outcomes: Mapping[str, Outcome], vehicle: Vehicle, asked: float) -> 
         damping(mappings(identified.get("damping")), asked),
         thrust(parameters, mappings(_of(outcomes, "scale").get("anchors"))),
         sensors(_of(outcomes, "bench"), vehicle),
+        thrusters_off(mappings(_of(outcomes, "drill").get("thrusters_off"))),
         repeatability(identified.get("repeatability")),
     )
 
@@ -184,6 +185,15 @@ def _noise(one: Mapping[str, Any]) -> str:
     found, units = one.get("noise"), one.get("units") or [""]
     parts = [part for part in (found if isinstance(found, list) else [found]) if _is_number(part)]
     return f"{number(max(parts), 2)} {text(units[0])}".rstrip() if parts else "-"
+
+
+def thrusters_off(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What switches thrusters off, and after how long."""
+    title = "Thrusters off after [s]"
+    if not rows:
+        return Table(title, [], [], "Not measured.")
+    cells = [[text(one.get("event")), number(one.get("seconds"), 2), between(one.get("interval_95"))] for one in rows]
+    return Table(title, ["Event", "Time", "95 % interval"], cells)
 
 
 def repeatability(found: Any) -> Table:

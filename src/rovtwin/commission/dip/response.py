@@ -110,10 +110,16 @@ def _afloat(model: Model, motion: Motion, floor: float) -> np.ndarray:
     return np.ones(len(motion.t), dtype=bool) if depth is None else ~(depth[0][:, 0] + lowest > floor - CLEAR)
 
 
-def _others(motion: Motion, y: np.ndarray) -> np.ndarray:
-    """What else accelerates: see `nuisances`; and speed as far as accelerations add up to it."""
+def speeds(motion: Motion, y: np.ndarray) -> np.ndarray:
+    """Of CO on the grid, b, shape (m, 6): body rates, and what accelerations y, (m, 6), add up to of late."""
     keep = np.exp(-STEP / MEMORY)
     way = np.asarray(lfilter([STEP], [1.0, -keep], np.nan_to_num(y[:, :3]), axis=0))
+    return np.concatenate([way, np.full_like(way, np.nan) if motion.omega is None else motion.omega], axis=1)
+
+
+def _others(motion: Motion, y: np.ndarray) -> np.ndarray:
+    """What else accelerates: see `nuisances`; and speed as far as accelerations add up to it."""
+    way = speeds(motion, y)[:, :3]
     return np.concatenate([nuisances(motion), way, way * np.abs(way)], axis=1)
 
 

@@ -33,6 +33,12 @@ def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
     return jnp.stack([way, turn, tilt]), jnp.abs(static_force(model.thrusters, commands[0]))
 
 
+def foreseen(model: Model, u: np.ndarray, seconds: float, turn: float = TURN) -> bool:
+    """Whether a command, shape (n,), that lasts so long [s] keeps within way, turn [rad] and tilt, by the model."""
+    moved, _ = _foreseen(model, as_array(np.tile(u, (max(1, round(seconds / _STEP)), 1))))
+    return bool(np.all(np.asarray(moved) <= [AWAY, turn, TILT]))
+
+
 def pushes(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Command, 0 to 1, and length [s] of each thruster's push, shapes (n,): see the module; else the gentlest."""
     count = model.thrusters.count

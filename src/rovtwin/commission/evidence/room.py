@@ -6,33 +6,49 @@ from typing import Any
 import numpy as np
 
 from rovtwin.commission.work import Work
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import jax
 from rovtwin.live.connect import on_this_machine
 from rovtwin.planning.experiments import Plan
 from rovtwin.planning.tank import Tank
+from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.experiment import pieces_of
+from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model
 
 HALF = 0.5  # of the way from the planned path to where the hull touches: there the fence ends the part
 LASTING = 0.3  # outside the fence, before thrusters stop [s]: one position that is off ends nothing
 LEAST_HOME = 5.0  # for the way to the middle [s]
+ERRS = 2.5  # standard deviations of a position by which the fence stands further out
 
 _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 
 def in_tank(work: Work, plan: Plan) -> Scenario:
-    """The plan as a scenario that goes to the tank's middle first and is ended by a fence."""
+    """The plan as a scenario that goes to the tank's middle first and is ended by a fence.
+
+    Raises:
+        ConfigError: Positions err by too much for a fence in this tank.
+    """
     assert plan.scenario.test is not None  # a plan is a test
     manoeuvres = [one.model_dump(mode="json") for one in plan.scenario.test.manoeuvres]
     home = max([2.0 * one["home"] for one in manoeuvres] + [LEAST_HOME])
     first = {"manoeuvre": "rest", "duration": 0.5, "home": home}
     test = {"name": "excite", "home_at_start": True, "manoeuvres": [first, *manoeuvres]}
     half, deepest = fence(plan.model, plan.flown, work.request.room)
+    sensor = sensors_of(plan.scenario, vehicle_of(plan.scenario))["position"]
+    errs, interval = float(np.max(np.asarray(sensor.noise))), 1000.0 / float(sensor.rate)
+    if np.any(half + ERRS * errs > 0.5 * np.array(work.request.room.sizes[:2])):
+        raise ConfigError(
+            f"positions err by {errs:.2g} m (one standard deviation): in a tank of {work.request.room} no fence can end "
+            "a part before a wall. Use motion capture (--sensor qtm://HOST/BODY), or a larger --tank"
+        )
+    half = half + ERRS * errs
     corners = [[north * half[0], east * half[1]] for north, east in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
     rules: dict[str, Any] = {
-        "geofence": {"polygon": corners, "after": LASTING, "action": "stop"},
+        "geofence": {"polygon": corners, "after": max(LASTING, 1.5 * interval), "action": "stop"},
         "depth_limit": {"limit": deepest},
     }
     if on_this_machine(work.request.link):  # its time waits for a busy machine, or is another's: late ticks harm nobody

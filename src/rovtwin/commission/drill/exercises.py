@@ -1,0 +1,161 @@
+"""The exercises: a push that turns or moves the vehicle, and in the middle of it what must switch thrusters off."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.commission.dip.schedule import foreseen
+from rovtwin.commission.work import Connected, Work
+from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.link import COMMAND_LIFE, Link
+from rovtwin.links.remote_link import RemoteLink
+from rovtwin.live.pulses import Guard, Pulse, Pulsed, fly_pulses
+from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.physics.model import Model
+
+REST, PUSH = 2.0, 1.2  # before the push, and of it before the event [s]
+AROUND = 2.0 * np.pi  # largest turn that a push may lead to, if nothing ends it [rad]
+TRIED = ("yaw", "heave", "surge", "sway")  # a turn needs no room
+SIZES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05)  # of commands that are tried, the clearest first
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """One way in which thrusters must come to rest.
+
+    Attributes:
+        name: As in the figures.
+        words: What happens, for people.
+        within: Longest time to thrusters off [s].
+        watched: How long readings are looked at after the event [s].
+        culprit: Who failed if they are not.
+    """
+
+    name: str
+    words: str
+    within: float
+    watched: float
+    culprit: str
+
+
+STOP = Exercise("stop", "STOP", 0.5, 2.5, "The link does not hand STOP on: see its page under docs/links.")
+SILENT = Exercise(
+    "silent",
+    "the program that steers falls silent",
+    COMMAND_LIFE + 0.5,
+    2.5,
+    "Commands do not expire: another client may steer the vehicle too.",
+)
+CUT = Exercise(
+    "cut",
+    "the line to the vehicle is cut",
+    5.0,
+    6.0,
+    "Set the vehicle's own watchdog: ArduSub's FS_PILOT_INPUT or FS_GCS_ENABLE; a Blueye has 2 s built in.",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """What is pushed in the exercises.
+
+    Attributes:
+        axis: Of AXES, the direction that is pushed most.
+        u: Command, shape (n,).
+    """
+
+    axis: str
+    u: np.ndarray
+
+
+def push_of(model: Model, exercise: Exercise) -> Push | None:
+    """The clearest push that the model foresees to be harmless even if nothing ends it; None where there is none."""
+    T = np.asarray(model.thrusters.configuration)
+    for axis in TRIED:
+        row = AXES.index(axis)
+        force = np.linalg.pinv(T)[:, row]
+        made = T @ force
+        if abs(made[row]) < 0.9 or np.abs(force).max() == 0.0:
+            continue
+        shares = np.sign(force) * np.sqrt(np.abs(force) / np.abs(force).max())
+        for size in SIZES:
+            if foreseen(model, size * shares, PUSH + exercise.watched, AROUND):
+                return Push(axis, size * shares)
+    return None
+
+
+class Seen(Link):
+    """A vehicle that one line steers and another one watches, so that it is seen while the first is cut."""
+
+    def __init__(self, steered: Link, watched: Link):
+        self._steered, self._watched = steered, watched
+
+    @property
+    def age(self) -> float:
+        return self._watched.age
+
+    def read(self) -> list[Measurement]:
+        return self._watched.read()
+
+    def arm(self) -> None:
+        self._steered.arm()
+
+    def send(self, command: Command) -> None:
+        self._steered.send(command)
+
+    def stop(self) -> None:
+        self._steered.stop()
+
+    def close(self) -> None:
+        self._watched.close()
+        self._steered.close()
+
+
+def flown(work: Work, scenario: Scenario, exercise: Exercise, push: Push, model: Model) -> Pulsed:
+    """One exercise, logged; thrusters are off at its end, however it went.
+
+    Raises:
+        ConfigError: The line cannot be cut, or nobody could see what becomes of the vehicle.
+        LinkError: The vehicle is not there, or is silent.
+    """
+    with ExitStack() as stack:
+        there = stack.enter_context(work.connected(scenario))
+        link, event = there.link, _nothing
+        if exercise is STOP:
+            event = link.stop
+        elif exercise is CUT:
+            link, event = _watched(stack, work, scenario, there)
+        pulses = [
+            Pulse("at rest", 0.0 * push.u, REST),
+            Pulse(f"pushing in {push.axis}", push.u, PUSH),
+            Pulse(exercise.words, None, exercise.watched, event),
+        ]
+        return fly_pulses(
+            scenario, link, there.sources, there.clock, work.folder / exercise.name, pulses, _guard(work, model),
+            lambda: True, lambda t, what: work.person.progress(what),
+        )  # fmt: skip
+
+
+def _nothing() -> None: ...
+
+
+def _guard(work: Work, model: Model) -> Guard:
+    lowest = float(np.asarray(model.hull.corners)[:, 2].max())
+    return Guard(deepest=work.request.room.depth - lowest + 0.1)
+
+
+def _watched(stack: ExitStack, work: Work, scenario: Scenario, there: Connected) -> tuple[Link, Callable[[], None]]:
+    """The vehicle on two lines, and what cuts the one that steers."""
+    if not isinstance(there.link, RemoteLink):
+        raise ConfigError("a computed vehicle hangs on no line")
+    try:
+        watched = stack.enter_context(work.connected(scenario, observe=True, beside=there)).link
+    except (ConfigError, LinkError) as error:
+        raise ConfigError(
+            f"no second line to the vehicle, by which to see it while the first is cut: {error}"
+        ) from None
+    return Seen(there.link, watched), there.link.cut
