@@ -20,12 +20,15 @@ from rovtwin.links.twin import TwinLink
 DEEPEST = 1.5
 
 
-def begun(tmp_path, monkeypatch, vehicle="double_blueye", read=lambda r: r, send=lambda u: u, person=None):
+def begun(
+    tmp_path, monkeypatch, vehicle="double_blueye", read=lambda r: r, send=lambda u: u, person=None, truth=None,
+    link=Corrupted,
+):  # fmt: skip
     """Work beside a twin in which readings and commands are changed on the way; the link is kept in `made`."""
     made = []
 
     def connect(url, scenario, clock, observe=False):
-        made.append(Corrupted(twin(None, clock, scenario), read, send))
+        made.append(link(twin(None if truth is None else str(truth), clock, scenario), read, send))
         return made[-1]
 
     monkeypatch.setattr(working, "connect", connect)

@@ -70,11 +70,17 @@ def test_axes_are_held_against_what_was_asked_for(work, predicted):
     tested = {"surge": (-0.4, 0.5), "sway": (-0.2, 0.2), "heave": (-0.2, 0.2)}
     result = shown(predicted, tested=tested)
     forces = estimate.damping_forces(result)
-    checks = {check.what: check for check in estimate._known(work, result, forces)}
+    checks = {
+        check.what: check
+        for check in estimate._known(work, result, [estimate._force(one, result, None) for one in forces])
+    }
     assert checks["damping in yaw"].verdict == "warning" and "not tested" in checks["damping in yaw"].text
     assert checks["damping in surge"].verdict == "note" and "±5 %" in checks["damping in surge"].text
     narrow = shown(predicted, tested=tested, covariance=1e-6 * predicted.covariance)
-    checks = {check.what: check.verdict for check in estimate._known(work, narrow, forces)}
+    checks = {
+        check.what: check.verdict
+        for check in estimate._known(work, narrow, [estimate._force(one, narrow, None) for one in forces])
+    }
     assert checks["damping in surge"] == "ok"
 
 

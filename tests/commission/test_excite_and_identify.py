@@ -67,8 +67,8 @@ def test_the_truth_of_a_hidden_vehicle_is_found_within_the_intervals(tmp_path, m
         assert one["combined_std"] == pytest.approx(np.linalg.norm(parts)) and one["coverage_factor"] == 2.0
         assert {row["type"] for row in one["contributions"]} == {"A", "B"}
         stated = [row for row in measured["damping"] if row["axis"] in one["quantity"] and row["force"] == one["value"]]
-        for row in stated:  # the fit's own, and a little beside it
-            assert 0.98 <= one["expanded_share"] / row["half_width_share"] < 1.5
+        for row in stated:
+            assert one["expanded_share"] == pytest.approx(row["half_width_share"])
     pulled = next(row for row in measured["budget"][0]["contributions"] if row["source"] == "reading of the scale")
     assert pulled["std"] / abs(measured["budget"][0]["value"]) == pytest.approx(0.02, rel=0.6)
     assert measured["repeatability"] and all(np.isfinite(row["en"]) for row in measured["repeatability"])

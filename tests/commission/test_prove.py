@@ -4,7 +4,8 @@ import pytest
 from tests.commission.proving.dossiers import Asked, identified_so_far, work_on
 
 from rovtwin.commission import prove
-from rovtwin.commission.prove import Cell, largest_current, shown
+from rovtwin.commission.proving import cells as proven
+from rovtwin.commission.proving.cells import Cell, largest_current, shown
 from rovtwin.core.errors import ConfigError
 
 
@@ -40,7 +41,7 @@ def test_no_envelope_in_calm_water_is_a_stop_and_in_a_sea_a_warning():
 
 
 def test_missions_of_a_cell_are_counted_by_what_ended_them():
-    cell = prove._cell((0.5, 0.2), ["", "swept after 31 s, over there", "swept after 99 s", "not finished: late"])
+    cell = proven._cell((0.5, 0.2), ["", "swept after 31 s, over there", "swept after 99 s", "not finished: late"])
     assert (cell.sea, cell.current, cell.missions, cell.succeeded) == (0.5, 0.2, 4, 1)
     assert cell.reasons == (("swept", 2), ("not finished", 1))
 

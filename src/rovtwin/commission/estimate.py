@@ -41,14 +41,16 @@ def run(work: Work) -> Outcome:
     files = _files(work, result)
     forces = damping_forces(result)
     repeated = repeats(result, forces)
-    checks += [*_about(result, bool(anchors)), *_known(work, result, forces), *about(repeated)]
+    budgets = budget(result, [*forces, *thrust_forces(result)], anchors)
+    rows = [_force(one, result, budgets[k] if budgets else None) for k, one in enumerate(forces)]
+    checks += [*_about(result, bool(anchors)), *_known(work, result, rows), *about(repeated)]
     measured = {
         "result_file": files["result_file"],
         "report_file": files["report_file"],
         "parameters": _parameters(result),
-        "damping": [_force(one, result) for one in forces],
+        "damping": rows,
         "repeatability": repeated,
-        "budget": budget(result, [*forces, *thrust_forces(result)], anchors),
+        "budget": budgets,
         "doubts": list(result.doubts),
         "minutes": flown.minutes,
     } | ({} if result.doubts else {"vehicle_file": FILE})
@@ -90,19 +92,19 @@ def _about(result: Identification, pulled: bool) -> Iterator[Check]:
         yield Check("note", "remark", f"{line}")
 
 
-def _known(work: Work, result: Identification, forces: Sequence[Quantity]) -> Iterator[Check]:
+def _known(work: Work, result: Identification, forces: Sequence[dict[str, Any]]) -> Iterator[Check]:
     """How well damping is known on each axis, against what was asked for."""
     goal = work.request.interval
     for axis in pushed(result.model()):
-        own = [one for one in forces if one.axis == axis]
+        own = [one for one in forces if one["axis"] == axis]
         if not own:
             yield Check(
                 "warning", f"damping in {axis}", "not tested: it stays as predicted", "Fly more: --stage excite."
             )
             continue
-        widest = max(own, key=lambda one: one.share(result.covariance))
-        share = widest.share(result.covariance)
-        found = f"{abs(widest.value):.3g} {widest.unit} ±{100 * share:.2g} % (k = {COVERAGE:g}) at {widest.at:+.2g}"
+        widest = max(own, key=lambda one: one["half_width_share"])
+        share, force = widest["half_width_share"], f"{abs(widest['force']):.3g} {widest['unit']}"
+        found = f"{force} ±{100 * share:.2g} % (k = {COVERAGE:g}) at {widest['speed']:+.2g}"
         text = f"{found}, asked for were ±{100 * goal:.2g} %"
         yield Check("ok" if share <= goal else "note", f"damping in {axis}", text)
 
@@ -124,15 +126,14 @@ def _parameters(result: Identification) -> list[dict[str, Any]]:
     ]
 
 
-def _force(one: Quantity, result: Identification) -> dict[str, Any]:
+def _force(one: Quantity, result: Identification, found: dict[str, Any] | None) -> dict[str, Any]:
+    """A damping force with its expanded uncertainty, that of its budget where there is one."""
+    half = COVERAGE * one.std(result.covariance) if found is None else found["expanded"]
     return {
         "axis": one.axis,
         "speed": one.at,
         "force": one.value,
         "unit": one.unit,
-        "half_width_share": one.share(result.covariance),
-        "interval_95": [
-            one.value - COVERAGE * one.std(result.covariance),
-            one.value + COVERAGE * one.std(result.covariance),
-        ],
+        "half_width_share": half / max(abs(one.value), 1e-12),
+        "interval_95": [one.value - half, one.value + half],
     }

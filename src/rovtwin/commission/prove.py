@@ -3,75 +3,31 @@
 import csv
 import io
 import itertools
-import re
 import time
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from rovtwin.campaign.shares import at_least, needed, share_interval
+from rovtwin.campaign.shares import needed
 from rovtwin.campaign.tuning.plants import Plants, plants_of
-from rovtwin.commission.proving.flights import drawn, fly_all
-from rovtwin.commission.proving.missions import open_water, sea
+from rovtwin.commission.proving.cells import (
+    ASKED,
+    OPEN,
+    Cell,
+    Proof,
+    flown_in,
+    for_all,
+    largest_current,
+    shown,
+)
+from rovtwin.commission.proving.missions import open_water
 from rovtwin.commission.proving.tuned import tuned
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.user_files.files import write_text
 from rovtwin.runs.compose.composition import Simulation, compose
-from rovtwin.runs.scoring.depths import not_at_depth
-from rovtwin.runs.scoring.scores import Flown, score
-from rovtwin.runs.scoring.summary import ending
 from rovtwin.vehicle import load_vehicle
 
-ASKED = 0.99  # share of missions that shall succeed
-STREAM = 81  # of random numbers: no mission here is one of the prediction
 MISSIONS = "missions.csv"
-FAR = 1e4  # walls and floor of open water [m]: so that the program of the flight in the tank flies here, too
-OPEN: dict[str, Any] = {"floor": FAR, "tank": {"north": [-FAR, FAR], "east": [-FAR, FAR]}}
-
-
-@dataclass(frozen=True)
-class Cell:
-    """Missions in one current and sea.
-
-    Attributes:
-        current: Speed of the water, from any side [m/s].
-        sea: Significant wave height, from any side [m].
-        missions, succeeded: How many.
-        reasons: Why the others did not, with how often, the most frequent first.
-    """
-
-    current: float
-    sea: float
-    missions: int
-    succeeded: int
-    reasons: tuple[tuple[str, int], ...]
-
-    @property
-    def good(self) -> bool:
-        """Whether as many succeed as are asked for."""
-        return self.succeeded >= ASKED * self.missions
-
-    @property
-    def place(self) -> str:
-        """Where it is, for people."""
-        return f"current {self.current:g} m/s, {f'sea {self.sea:g} m' if self.sea else 'calm'}"
-
-    def row(self) -> dict[str, Any]:
-        """For later stages."""
-        return {
-            "current_m_s": self.current,
-            "sea_m": self.sea,
-            "missions": self.missions,
-            "succeeded": self.succeeded,
-            "share": self.succeeded / self.missions,
-            "interval_95": list(share_interval(self.succeeded, self.missions)),
-            "at_least_95": at_least(self.succeeded, self.missions),
-            "reasons": dict(self.reasons),
-        }
 
 
 def run(work: Work) -> Outcome:
@@ -87,7 +43,7 @@ def run(work: Work) -> Outcome:
     limits = {height: largest_current(cells, height) for height in sorted({cell.sea for cell in cells})}
     figures |= {
         "envelope": rows,
-        "largest_current_m_s": _for_all(list(limits.values())),
+        "largest_current_m_s": for_all(list(limits.values())),
         "largest_currents": [{"sea_m": height, "current_m_s": current} for height, current in limits.items()],
         "asked_share": ASKED,
         "missions_needed": needed(ASKED),
@@ -107,71 +63,12 @@ def _flown(work: Work, base: Simulation, plants: Plants) -> tuple[list[Cell], fl
     request, began = work.request, time.monotonic()
     places = list(itertools.product(sorted(set(request.seas)), sorted(set(request.currents))))
     work.person.progress("proving: drawing vehicles", 0.0)
-    drawn_for = [(k, i) for k in range(len(places)) for i in range(request.samples)]
-    runs = [
-        drawn(base, plants, (request.seed, STREAM, k, i), _world(request.seed, k, i, places[k])) for k, i in drawn_for
-    ]
-    text = f"proving: {len(runs)} missions in {len(places)} waters"
-    flown = fly_all(runs, lambda share: work.person.progress(text, share))
-    reasons = [_ended(one, run) for one, run in zip(flown, runs, strict=True)]
-    _write(work, [places[k] for k, _ in drawn_for], runs, reasons)
-    cells = [
-        _cell(place, [reason for (n, _), reason in zip(drawn_for, reasons, strict=True) if n == k])
-        for k, place in enumerate(places)
-    ]
-    return cells, time.monotonic() - began
-
-
-def _world(seed: int, cell: int, mission: int, place: tuple[float, float]) -> dict[str, Any]:
-    """Water of a cell: current and waves run to directions of their own in each mission."""
-    height, speed = place
-    to, waves_to = np.random.default_rng([seed, STREAM, cell, mission, 1]).uniform(-np.pi, np.pi, 2)
-    velocity = [float(speed * np.cos(to)), float(speed * np.sin(to)), 0.0]
-    return OPEN | {"current": {"velocity": velocity}, "waves": sea(height, float(np.degrees(waves_to)))}
-
-
-def _ended(flown: Flown, run: Simulation) -> str:
-    """Why a mission did not succeed, "" if it did."""
-    found = score(flown)
-    if not found["completed"]:
-        return ending(flown, run, found["reason"])
-    return not_at_depth(flown, run.scenario, run.model)
-
-
-def _cell(place: tuple[float, float], reasons: Sequence[str]) -> Cell:
-    failed = Counter(_kind(reason) for reason in reasons if reason)
-    return Cell(place[1], place[0], len(reasons), len(reasons) - failed.total(), tuple(failed.most_common()))
-
-
-def _kind(reason: str) -> str:
-    """What several missions may share of a reason: not when, nor where."""
-    return re.sub(r" after \d+ s.*", "", reason.split(":")[0])
-
-
-def largest_current(cells: Sequence[Cell], height: float) -> float | None:
-    """The largest current of a sea in which, as in all smaller ones, enough succeed [m/s]; None: not in the least."""
-    rising = sorted((cell for cell in cells if cell.sea == height), key=lambda cell: cell.current)
-    inside = list(itertools.takewhile(lambda cell: cell.good, rising))
-    return inside[-1].current if inside else None
-
-
-def _for_all(currents: Sequence[float | None]) -> float | None:
-    """What holds in all seas; None where one of them has none."""
-    return min((one for one in currents if one is not None), default=None) if None not in currents else None
-
-
-def shown(succeeded: int, missions: int) -> str:
-    """What so many missions show, and what they cannot."""
-    least = 100.0 * _down(at_least(succeeded, missions))
-    text = f"{succeeded} of {missions} succeed; at least {least:.0f} % with 95 % confidence"
-    if succeeded == missions and missions < needed(ASKED):
-        text += f" ({needed(ASKED)} of {needed(ASKED)} would show {100 * ASKED:g} %)"
-    return text
-
-
-def _down(share: float) -> float:
-    """To whole percents, never more than was shown."""
-    return np.floor(100.0 * share) / 100.0
+    text = f"proving: {len(places) * request.samples} missions in {len(places)} waters"
+    found = flown_in(
+        places, request.samples, request.seed, base, plants, lambda share: work.person.progress(text, share)
+    )
+    _write(work, found)
+    return found.cells, time.monotonic() - began
 
 
 def _judged(cells: Sequence[Cell]) -> list[Check]:
@@ -207,13 +104,11 @@ def _pace(figures: dict[str, Any]) -> str:
     return f"{figures['wall_s']:.0f} s, {figures['missions_per_min']:.0f} missions a minute"
 
 
-def _write(
-    work: Work, places: Sequence[tuple[float, float]], runs: Sequence[Simulation], reasons: Sequence[str]
-) -> None:
+def _write(work: Work, found: Proof) -> None:
     """A row for each mission."""
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(["sea_m", "current_m_s", "seed", "succeeded", "reason"])
-    for place, run, reason in zip(places, runs, reasons, strict=True):
+    for place, run, reason in zip(found.places, found.runs, found.reasons, strict=True):
         writer.writerow([*place, run.scenario.seed, int(not reason), reason])
     write_text(work.folder / MISSIONS, text.getvalue())

@@ -1,6 +1,6 @@
 """What a stage works with: the request, the folder of its attempt, the person, and what earlier stages found."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,48 @@ from rovtwin.planning.tank import MOTION_CAPTURE
 from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
+
+
+def scenario_of(request: Request, vehicle: str, positions: dict[str, Any] | None, changes: dict[str, Any]) -> Scenario:
+    """A scenario in the test tank, sensors as the link reads them; the vehicle is in the tank's middle.
+
+    Args:
+        request: Tank, link and seed.
+        vehicle: Name or file.
+        positions: `sensors.position`; None: as the vehicle has it.
+        changes: Sections of the scenario; without `mission` and `test` the vehicle keeps its place.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    tank = request.room
+    half = [0.5 * tank.length, 0.5 * tank.width]
+    walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
+    data = {"name": "commission", "vehicle": vehicle, "world": walls}
+    data |= {"start": {"position": tank.middle}, "seed": request.seed} | changes
+    if positions is not None:
+        data["sensors"] = {"position": positions} | dict(changes.get("sensors") or {})
+    if not {"mission", "test"} & set(changes):
+        data["mission"] = {"waypoints": [{"position": tank.middle}]}
+    return as_read(request.link, parse(Scenario, data, "commission"))
+
+
+def positions_of(vehicle: Vehicle, bench: Mapping[str, Any]) -> dict[str, Any] | None:
+    """`sensors.position` of a scenario: as the bench has measured it, before that motion capture in the tank.
+
+    None where a part of the vehicle measures positions, and says how well.
+
+    Args:
+        vehicle: With its parts.
+        bench: Figures of that stage, empty before it.
+    """
+    if any(getattr(one.item, "kind", "") == "position" and not one.spare for one in vehicle.sensors):
+        return None
+    for row in bench.get("sensors", []):
+        noise = [x for x in row.get("noise", [])[:2] if x is not None]
+        if row.get("name") == "position" and noise:
+            return {**MOTION_CAPTURE, "noise": max(noise), "rate_hz": row["rate_hz"]}
+    return dict(MOTION_CAPTURE)
 
 
 @dataclass(frozen=True)
@@ -76,17 +118,8 @@ class Work:
         return self.request.vehicle
 
     def positions(self) -> dict[str, Any] | None:
-        """`sensors.position` of a scenario: as the bench has measured it, before that motion capture in the tank.
-
-        None where a part of the vehicle measures positions, and says how well.
-        """
-        if any(getattr(one.item, "kind", "") == "position" and not one.spare for one in self.vehicle.sensors):
-            return None
-        for row in self.dossier.measured("bench").get("sensors", []):
-            noise = [x for x in row.get("noise", [])[:2] if x is not None]
-            if row.get("name") == "position" and noise:
-                return {**MOTION_CAPTURE, "noise": max(noise), "rate_hz": row["rate_hz"]}
-        return dict(MOTION_CAPTURE)
+        """`sensors.position` of a scenario, see `positions_of`."""
+        return positions_of(self.vehicle, self.dossier.measured("bench"))
 
     def scenario(self, changes: dict[str, Any], vehicle: str | None = None) -> Scenario:
         """A scenario of the vehicle in the test tank, its sensors as the link reads them.
@@ -98,16 +131,7 @@ class Work:
         Raises:
             ConfigError: It is none.
         """
-        tank = self.request.room
-        half = [0.5 * tank.length, 0.5 * tank.width]
-        walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
-        data = {"name": "commission", "vehicle": vehicle or self.current_vehicle(), "world": walls}
-        data |= {"start": {"position": tank.middle}, "seed": self.request.seed} | changes
-        if (positions := self.positions()) is not None:
-            data["sensors"] = {"position": positions} | dict(changes.get("sensors") or {})
-        if not {"mission", "test"} & set(changes):
-            data["mission"] = {"waypoints": [{"position": tank.middle}]}
-        return as_read(self.request.link, parse(Scenario, data, "commission"))
+        return scenario_of(self.request, vehicle or self.current_vehicle(), self.positions(), changes)
 
     @contextmanager
     def connected(

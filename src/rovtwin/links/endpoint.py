@@ -131,6 +131,7 @@ class Endpoint:
         firmware: Gives the physics of a firmware that keeps the time, which is served alone. None: there is none.
         note: One line on which frame and rights an address assumes, "" for none.
         is_simulated: Whether what is there is certainly no real vehicle.
+        may_be_watched: Whether a second line may watch the vehicle while one steers it.
         at_origin: Sensors whose readings are reported at CO, wherever the vehicle carries them.
         camera: Address of the stream of its camera, None: not known.
         reached: Address at which a server is reached by a link or a source.
@@ -151,6 +152,7 @@ class Endpoint:
     firmware: "Callable[[], Firmware] | None" = None
     note: "Callable[[Url], str]" = lambda url: ""
     is_simulated: "Callable[[Url], bool]" = lambda url: url.is_loopback
+    may_be_watched: bool = False
     at_origin: "Callable[[Url], tuple[str, ...]]" = lambda url: ()
     camera: "Callable[[Url], str | None]" = lambda url: None
     reached: "Callable[[Any], str]" = lambda server: ""

@@ -98,6 +98,12 @@ def on_this_machine(text: str) -> bool:
     return endpoint is None or endpoint.is_simulated(url)
 
 
+def may_be_watched(text: str) -> bool:
+    """Whether a second line may watch the vehicle at a URL while one steers it."""
+    _, endpoint = registry.parse(text, "link", "--link", also=tuple(HERE))
+    return endpoint is not None and endpoint.may_be_watched
+
+
 def described(text: str) -> str:
     """One line for the user: the URL, and which frame and rights are assumed of what is there.
 

@@ -10,6 +10,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.identification.logs.readers import detect, read_records
 from rovtwin.monitoring.change import Change, causes
 from rovtwin.monitoring.evidence import Estimated, estimated
+from rovtwin.monitoring.factors import Factors
 from rovtwin.monitoring.lost import Lost
 from rovtwin.monitoring.monitor import SHORTEST, watched
 from rovtwin.monitoring.quantities import Quantities
@@ -36,6 +37,7 @@ class WatchedRun:
         path: The log.
         run: Name and readings.
         found: The factors themselves.
+        factors: What they are.
         seconds: How much of it was looked at [s].
         notes: What to know of it.
         lost: Thrusters that were dead or reversed; all else was found with that taken into account.
@@ -44,6 +46,7 @@ class WatchedRun:
     path: Path
     run: Run
     found: Estimated
+    factors: Factors
     seconds: float
     notes: tuple[str, ...]
     lost: tuple[Lost, ...] = ()
@@ -137,7 +140,8 @@ def watch_runs(
     Args:
         paths: Folders of runs, or logs.
         vehicle: Name or file of the description; None: that of the first run's scenario.
-        first_runs: How many of the first runs are the baseline; None: as many as there should be.
+        first_runs: How many of the first runs are the baseline; None: as many as there should be; 0: none of them, but
+            the identification of the vehicle.
         progress: Told the name of the run and the share of it that is done.
 
     Raises:
@@ -158,12 +162,13 @@ def watch_runs(
         _watched(described, log, name, lambda share, n=name: progress(n, share))
         for log, name in zip(logs, names, strict=True)
     ]
-    if len(runs) > 1:
+    if len(runs) > 1 and first_runs != 0:
         n = first_runs or min(USUAL, len(runs) - 1)
         return Watch(described, runs, baseline([one.run for one in runs[:n]]), n, _words(names[:n]))
     std = identified_std(described, [reading.quantity.name for reading in runs[0].run.readings])
     if std is None:
-        return Watch(described, runs, None, 0, "for the vehicle was not identified and this is the only run")
+        only = "this is the only run" if len(runs) == 1 else "the runs shall not be compared with each other"
+        return Watch(described, runs, None, 0, f"for the vehicle was not identified and {only}")
     nothing = np.zeros(len(std))
     identified = Baseline(nothing, std, nothing, np.inf, 0, np.isnan(std))
     return Watch(described, runs, identified, 0, f"the identification of {described.name}")
@@ -187,7 +192,7 @@ def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float],
     readings = Quantities(model, vehicle.thruster_names, monitor.factors).read(found)
     if not any(reading.learnt for reading in readings):
         notes.append(f"{seconds:.0f} s in which nothing was learnt: fly turns, dives and legs at speed")
-    return WatchedRun(log, Run(name, readings), found, seconds, tuple(notes), tuple(lost))
+    return WatchedRun(log, Run(name, readings), found, monitor.factors, seconds, tuple(notes), tuple(lost))
 
 
 def _log_of(path: Path) -> Path:

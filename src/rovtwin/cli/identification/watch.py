@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar, table
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, progress_bar, table
+from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from rovtwin.commission.after.watching import Watched
     from rovtwin.runs.watch import Watch
 
 
@@ -32,6 +34,17 @@ def watch(
             help="The first N runs are what later ones are compared with; else 3, or all but the last.",
         ),
     ] = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="BUNDLE",
+            help="A commissioning, its bundle or zip: each run is compared with what was certified, sensors too.",
+        ),
+    ] = None,
+    prove: Annotated[
+        bool,
+        typer.Option(help="With --certificate: fly the missions of the proof again on the twin if something changed."),
+    ] = True,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Write an HTML report with figures.")
     ] = None,
@@ -49,9 +62,15 @@ def watch(
     [bold]rovtwin watch runs/monday runs/tuesday runs/wednesday runs/today -o watch[/bold]
 
     [bold]rovtwin watch --vehicle bluerov2_heavy 00000041.BIN 00000042.BIN[/bold]
+
+    With a certificate it says as well whether rates, delays and noise of sensors are still those of then, and whether
+    the proven envelope still holds; exit code 1 where something is not as certified:
+
+    [bold]rovtwin watch runs/today --certificate commissioned[/bold]
     """
     from rovtwin.runs.watch import watch_runs
 
+    certified = None
     with progress_bar("{task.percentage:.0f} %") as bar:
         tasks: dict[str, Any] = {}
 
@@ -60,19 +79,75 @@ def watch(
                 tasks[name] = bar.add_task(name, total=1.0)
             bar.update(tasks[name], completed=share)
 
-        found = watch_runs(runs, vehicle, baseline, progress)
+        if certificate is None:
+            found = watch_runs(runs, vehicle, baseline, progress)
+        else:
+            certified = _certified(runs, certificate, vehicle, baseline, prove, progress)
+            found = certified.watch
     page = None
     if output is not None:
         from rovtwin.report.studies.watch import write_watch
 
-        page = write_watch(found, output)
+        page = write_watch(found, output, [] if certified is None else _lines(certified))
     if as_json:
-        emit(_as_data(found, page))
+        emit(_as_data(found, page) | ({} if certified is None else _certificate_data(certified)))
     else:
         _print(found, console(False))
+        if certified is not None:
+            _print_certified(certified, console(False))
         if page is not None:
             console(False).print(f"report: {page}", markup=False, soft_wrap=True)
-    raise typer.Exit(DONE)
+    raise typer.Exit(DONE if certified is None or certified.good else FAILED)
+
+
+def _certified(
+    runs: list[Path], bundle: Path, vehicle: str | None, baseline: int | None, prove: bool, progress: Any
+) -> "Watched":
+    from rovtwin.commission.after.issued import issued
+    from rovtwin.commission.after.watching import watch_certified
+
+    for name, given in (("--vehicle", vehicle), ("--baseline", baseline)):
+        if given is not None:
+            raise ConfigError(f"{name} {given}: found --certificate beside it, which says what runs are compared with")
+    with issued(bundle) as certificate:
+        return watch_certified(runs, certificate, prove, progress)
+
+
+def _lines(certified: "Watched") -> list[str]:
+    """What there is to say beside the watch."""
+    found = [f"certificate: {certified.certificate}"]
+    for one, checks in zip(certified.watch.runs, certified.signals, strict=True):
+        found += [f"{one.run.name}: {check}" for check in checks if check.verdict != "ok"]
+    if certified.envelope is not None:
+        found += [str(check) for check in certified.envelope.lines()]
+    return [*found, "as certified" if certified.good else "NOT as certified"]
+
+
+def _print_certified(certified: "Watched", screen: "Console") -> None:
+    for line in _lines(certified):
+        alarm = line.startswith(("stop", "NOT")) or ": warning" in line
+        screen.print(line, style="bold red" if alarm else "", markup=False, soft_wrap=True)
+
+
+def _certificate_data(certified: "Watched") -> dict[str, Any]:
+    envelope = certified.envelope
+    seas = {} if envelope is None else envelope.before
+    return {
+        "certificate": certified.certificate,
+        "as_certified": certified.good,
+        "sensors": [
+            [{"verdict": c.verdict, "what": c.what, "text": c.text} for c in checks] for checks in certified.signals
+        ],
+        "envelope": None
+        if envelope is None
+        else {
+            "holds": envelope.holds,
+            "largest_currents": [
+                {"sea_m": sea, "certified_m_s": then, "now_m_s": envelope.after.get(sea)} for sea, then in seas.items()
+            ],
+            "cells": [cell.row() for cell in envelope.cells],
+        },
+    }
 
 
 def _print(found: "Watch", screen: "Console") -> None:

@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.commission.dip.balance import balance
 from rovtwin.commission.dip.consistency import compared
 from rovtwin.commission.dip.correction import corrected
 from rovtwin.commission.dip.diagnosis import Diagnosis, Verdict, diagnose
 from rovtwin.commission.dip.schedule import pulses
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
+from rovtwin.core.errors import IdentificationError
 from rovtwin.core.log import Log
 from rovtwin.identification.checks.check import check_record
 from rovtwin.identification.logs.readers import read_records
@@ -53,8 +55,12 @@ def run(work: Work) -> Outcome:
     checks += _heading(work, flown)
     work.person.progress("comparing with the file")
     record = read_records(flown.log, vehicle)[0]
-    found = diagnose(vehicle.model(), record, vehicle.thruster_names, depth)
-    checks += [*_axes(found), *_thrusters(found.thrusters), *_lag(found), *compared(record)]
+    balanced = list(balance(vehicle, record, depth))
+    try:
+        found = diagnose(vehicle.model(), record, vehicle.thruster_names, depth)
+    except IdentificationError as error:
+        return Outcome((*checks, *balanced, Check("stop", "pushes", f"{error}.")), files=("log.mcap",))
+    checks += [*_axes(found), *_thrusters(found.thrusters), *_lag(found), *compared(record), *balanced]
     named = any(check.verdict == "stop" for check in checks)
     checks += [] if named else _others(record, vehicle)
     files, measured = ["log.mcap"], _measured(found)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.commission.dip.schedule import foreseen
-from rovtwin.commission.work import Connected, Work
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.commission.work import Work
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.remote_link import RemoteLink
+from rovtwin.live.connect import may_be_watched
 from rovtwin.live.pulses import Guard, Pulse, Pulsed, fly_pulses
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle.constants import AXES
@@ -118,6 +119,8 @@ class Seen(Link):
 def flown(work: Work, scenario: Scenario, exercise: Exercise, push: Push, model: Model) -> Pulsed:
     """One exercise, logged; thrusters are off at its end, however it went.
 
+    A line that is cut and that nobody watches beside it ends in "link lost".
+
     Raises:
         ConfigError: The line cannot be cut, or nobody could see what becomes of the vehicle.
         LinkError: The vehicle is not there, or is silent.
@@ -128,7 +131,10 @@ def flown(work: Work, scenario: Scenario, exercise: Exercise, push: Push, model:
         if exercise is STOP:
             event = link.stop
         elif exercise is CUT:
-            link, event = _watched(stack, work, scenario, there)
+            event = _cutting(there.link)
+            if may_be_watched(work.request.link):
+                watching = stack.enter_context(work.connected(scenario, observe=True, beside=there))
+                link = Seen(there.link, watching.link)
         pulses = [
             Pulse("at rest", 0.0 * push.u, REST),
             Pulse(f"pushing in {push.axis}", push.u, PUSH),
@@ -148,14 +154,8 @@ def _guard(work: Work, model: Model) -> Guard:
     return Guard(deepest=work.request.room.depth - lowest + 0.1)
 
 
-def _watched(stack: ExitStack, work: Work, scenario: Scenario, there: Connected) -> tuple[Link, Callable[[], None]]:
-    """The vehicle on two lines, and what cuts the one that steers."""
-    if not isinstance(there.link, RemoteLink):
+def _cutting(link: Link) -> Callable[[], None]:
+    """What cuts a line."""
+    if not isinstance(link, RemoteLink):
         raise ConfigError("a computed vehicle hangs on no line")
-    try:
-        watched = stack.enter_context(work.connected(scenario, observe=True, beside=there)).link
-    except (ConfigError, LinkError) as error:
-        raise ConfigError(
-            f"no second line to the vehicle, by which to see it while the first is cut: {error}"
-        ) from None
-    return Seen(there.link, watched), there.link.cut
+    return link.cut

@@ -1,17 +1,19 @@
 """The stage: push, and let STOP, silence and a cut line end it; say how long the vehicle took to come to rest."""
 
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from rovtwin.commission.drill.again import look_again, require_turn
 from rovtwin.commission.drill.exercises import CUT, PUSH, REST, SILENT, STOP, Exercise, Push, flown, push_of
 from rovtwin.commission.drill.off_time import OffTime, off_time
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError, IdentificationError, LinkError
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.live.connect import on_this_machine
+from rovtwin.live.connect import may_be_watched, on_this_machine
 from rovtwin.live.pulses import Pulsed
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
@@ -57,8 +59,13 @@ def _one(
     work: Work, scenario: Scenario, vehicle: Vehicle, exercise: Exercise, push: Push
 ) -> tuple[list[Check], dict[str, Any]]:
     """Lines about one exercise, and its figures."""
+    blind = exercise is CUT and not may_be_watched(work.request.link)
     try:
+        if blind:
+            require_turn(push)
         pulsed = flown(work, scenario, exercise, push, vehicle.model())
+        if blind and pulsed.ended.startswith("link lost") and len(pulsed.spans) == 3:
+            return _seen_again(work, scenario, pulsed, push)
     except ConfigError as error:
         known = on_this_machine(work.request.link)
         return [
@@ -77,6 +84,20 @@ def _one(
     if exercise is CUT and found is not None and found.lasted:
         checks.append(_halted(work, scenario))
     return checks, row
+
+
+def _seen_again(work: Work, scenario: Scenario, pulsed: Pulsed, push: Push) -> tuple[list[Check], dict[str, Any]]:
+    """The same of a line that was cut while nobody watched."""
+    found = look_again(work, scenario, pulsed, push, time.monotonic())
+    before, after = np.degrees([found.before, found.after])
+    text = (
+        f"{found.within:.1f} s after the cut it turned by {after:.1f} deg/s over a new line, at the cut by {before:.1f}"
+    )
+    if not found.off:
+        text = f"{text}: thrusters may still be on, expected off within {CUT.within:.1f} s."
+        return [Check("stop", CUT.name, text, CUT.culprit), _halted(work, scenario)], {}
+    row = {"event": CUT.words, "axis": push.axis, "seconds": None, "interval_95": [0.0, found.within]}
+    return [Check("ok", CUT.name, f"{text}: thrusters are off")], row | {"within_s": CUT.within}
 
 
 def _halted(work: Work, scenario: Scenario) -> Check:

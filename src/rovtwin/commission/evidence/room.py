@@ -42,8 +42,8 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     errs, interval = float(np.max(np.asarray(sensor.noise))), 1000.0 / float(sensor.rate)
     if np.any(half + ERRS * errs > 0.5 * np.array(work.request.room.sizes[:2])):
         raise ConfigError(
-            f"positions err by {errs:.2g} m (one standard deviation): in a tank of {work.request.room} no fence can end "
-            "a part before a wall. Use motion capture (--sensor qtm://HOST/BODY), or a larger --tank"
+            f"positions err by {errs:.2g} m (one standard deviation): in a tank of {work.request.room} no fence can "
+            "end a part before a wall. Use motion capture (--sensor qtm://HOST/BODY), or a larger --tank"
         )
     half = half + ERRS * errs
     corners = [[north * half[0], east * half[1]] for north, east in ((1, 1), (1, -1), (-1, -1), (-1, 1))]

@@ -126,6 +126,7 @@ BLUEYE = Endpoint(
     sensors=("pressure", "accelerometer", "gyro", "attitude", "dvl", "altimeter", "position", "battery", "leak"),
     options={"take_control": "", "position": ""},
     requires=("blueye.sdk", "blueye"),
+    may_be_watched=True,
     link=_link,
     server=_server,
     note=_note,

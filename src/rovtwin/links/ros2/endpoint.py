@@ -61,6 +61,7 @@ ROS2 = Endpoint(
     gives_position=True,
     options={"expose": ""},
     requires=("cyclonedds", "ros2"),
+    may_be_watched=True,
     link=_link,
     server=_server,
     is_simulated=lambda url: "expose" not in url.options,  # else its nodes are kept to this machine

@@ -1,5 +1,6 @@
 """Report of a watch: each quantity over the runs, and the runs beside each other."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,11 @@ def watch_figure(found: Any, shown: list[int], changed: set[tuple[int, int]]) ->
     return figure
 
 
-def write_watch(found: Any, folder: Path) -> Path:
-    """Write `report.html` and figures of a `rovtwin.runs.watch.Watch` into a folder; the path of the page."""
+def write_watch(found: Any, folder: Path, also: Sequence[str] = ()) -> Path:
+    """Write `report.html` and figures of a `rovtwin.runs.watch.Watch` into a folder; the path of the page.
+
+    `also` are further lines, such as what a certificate says.
+    """
     changed = found.changes
     names = [reading.quantity.name for reading in found.runs[0].run.readings]
     shown = [i for i in range(len(names)) if any(one.run.readings[i].learnt for one in found.runs)]
@@ -81,5 +85,7 @@ def write_watch(found: Any, folder: Path) -> Path:
         "sections.html.j2",
         title=f"Watch: {found.vehicle.name}",
         verdict=Verdict(None if unknown else not any_changed, headline, [f"Compared with {found.against}."], []),
-        sections=[Section("runs", "Runs", (), [text for text, _ in found.words()], [*items, Table("", head, cells)])],
+        sections=[
+            Section("runs", "Runs", (), [*(text for text, _ in found.words()), *also], [*items, Table("", head, cells)])
+        ],
     )

@@ -1,0 +1,1 @@
+"""After a commissioning: later dives against its certificate."""
