@@ -51,7 +51,7 @@ def run(work: Work) -> Outcome:
         )  # fmt: skip
     checks = [*_ended(flown)]
     if flown.ended:
-        return Outcome(tuple(checks), files=("log.mcap",))
+        return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))
     checks += _heading(work, flown)
     work.person.progress("comparing with the file")
     record = read_records(flown.log, vehicle)[0]
@@ -75,6 +75,17 @@ def run(work: Work) -> Outcome:
 def _ended(flown: Pulsed) -> Iterator[Check]:
     if flown.ended:
         yield Check("stop", "pushes", f"{flown.ended}.", "Put it right, then repeat this stage.")
+
+
+def _cut_short(flown: Pulsed, vehicle: Vehicle) -> Iterator[Check]:
+    """What readings say of pushes that ended early: a tilt may be one of the sensor's units."""
+    if not flown.readings:
+        return
+    try:
+        found = _others(read_records(flown.log, vehicle)[0], vehicle)
+    except IdentificationError:  # too short to tell
+        return
+    yield from (check for check in found if check.verdict == "stop")
 
 
 def _heading(work: Work, flown: Pulsed) -> Iterator[Check]:
