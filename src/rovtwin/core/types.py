@@ -1,0 +1,22 @@
+"""Shapes of arrays, as jaxtyping writes them: short names for those that are met everywhere.
+
+`Float[Array, "6 n"]` has a size or a name for each axis; a name stands for one size within a call. Nothing is checked
+at run time but in tests (`tests/shapes.py`). Types say shape and kind of number, docstrings frame and unit.
+"""
+
+from typing import TypeAlias
+
+from jaxtyping import Bool, Float, Int
+
+from rovtwin.core.numerics import Array
+
+Scalar: TypeAlias = Float[Array, ""]
+ScalarLike: TypeAlias = Scalar | float
+Flag: TypeAlias = Bool[Array, ""]
+Index: TypeAlias = Int[Array, ""]
+
+Vector3: TypeAlias = Float[Array, "3"]
+Vector6: TypeAlias = Float[Array, "6"]
+Quaternion: TypeAlias = Float[Array, "4"]
+Matrix3: TypeAlias = Float[Array, "3 3"]
+Matrix6: TypeAlias = Float[Array, "6 6"]
