@@ -15,8 +15,12 @@ ScalarLike: TypeAlias = Scalar | float
 Flag: TypeAlias = Bool[Array, ""]
 Index: TypeAlias = Int[Array, ""]
 
+Vector2: TypeAlias = Float[Array, "2"]
 Vector3: TypeAlias = Float[Array, "3"]
 Vector6: TypeAlias = Float[Array, "6"]
 Quaternion: TypeAlias = Float[Array, "4"]
 Matrix3: TypeAlias = Float[Array, "3 3"]
 Matrix6: TypeAlias = Float[Array, "6 6"]
+
+PerThruster: TypeAlias = Float[Array, " n"]
+Configuration: TypeAlias = Float[Array, "6 n"]
