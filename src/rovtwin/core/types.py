@@ -6,7 +6,7 @@ at run time but in tests (`tests/shapes.py`). Types say shape and kind of number
 
 from typing import TypeAlias
 
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Key, UInt32
 
 from rovtwin.core.numerics import Array
 
@@ -24,3 +24,6 @@ Matrix6: TypeAlias = Float[Array, "6 6"]
 
 PerThruster: TypeAlias = Float[Array, " n"]
 Configuration: TypeAlias = Float[Array, "6 n"]
+
+RawKey: TypeAlias = UInt32[Array, "2"]
+PRNGKey: TypeAlias = Key[Array, ""] | RawKey

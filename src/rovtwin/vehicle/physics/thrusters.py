@@ -1,11 +1,15 @@
 """Thrusters: command -> force curve -> lag -> wrench, for any number of thrusters anywhere, in any direction."""
 
+from typing import TypeAlias
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.core.types import Configuration, PerThruster, ScalarLike, Vector6
+
+Forces: TypeAlias = Float[Array, "... n"]  # of n thrusters, at one instant or at many
 
 _STRAIGHT = 1e-3  # share of the full force
 
@@ -28,7 +32,7 @@ class Thrusters(eqx.Module):
         health: Share of the force left: 1 sound, 0 dead.
         table_command: Commands of the tables, increasing; k = 2 with zeros where no thruster has one.
         table_force: Forces at them [N].
-        tabulated: Whether the table holds for this thruster, bool.
+        tabulated: Whether the table holds for this thruster.
         inflow_loss: Share of the full force that is lost at full force for each m/s of water that comes along the push
             [s/m]; None: nothing is lost, and nothing is computed.
     """
@@ -141,7 +145,7 @@ def _invert_tables(thrusters: Thrusters, force: PerThruster) -> PerThruster:
     return jnp.where(jnp.abs(force) > 1e-9, jnp.sum(jnp.where(chosen, u, 0.0), axis=1), 0.0)
 
 
-def lag(thrusters: Thrusters, force: PerThruster, target: PerThruster, dt: ScalarLike) -> PerThruster:
+def lag(thrusters: Thrusters, force: Forces, target: Forces, dt: ScalarLike) -> Forces:
     """Force after dt [N]: exact first-order response to a constant target, then the rate limit.
 
     The thesis's (5.1) is the implicit Euler step of the same lag; this is exact at any step.
@@ -153,15 +157,13 @@ def lag(thrusters: Thrusters, force: PerThruster, target: PerThruster, dt: Scala
     return force + jnp.clip(change, -room, room)
 
 
-def force_just_after(thrusters: Thrusters, force: PerThruster, target: PerThruster) -> PerThruster:
+def force_just_after(thrusters: Thrusters, force: Forces, target: Forces) -> Forces:
     """Force right after a new target [N]: a thruster without lag and rate limit jumps, others stay."""
     jumps = (thrusters.time_constant <= 0) & jnp.isinf(thrusters.rate_limit)
     return jnp.where(jumps, target, force)
 
 
-def half_steps(
-    thrusters: Thrusters, force: PerThruster, target: PerThruster, dt: ScalarLike
-) -> tuple[PerThruster, PerThruster, PerThruster]:
+def half_steps(thrusters: Thrusters, force: Forces, target: Forces, dt: ScalarLike) -> tuple[Forces, Forces, Forces]:
     """Forces right after a new target, half of dt later, and dt later [N]: the lag is exact at each.
 
     Args:
@@ -182,7 +184,7 @@ def force_limits(thrusters: Thrusters) -> tuple[PerThruster, PerThruster]:
     return static_force(thrusters, -one), static_force(thrusters, one)
 
 
-def inflow_damping(thrusters: Thrusters, force: PerThruster) -> PerThruster:
+def inflow_damping(thrusters: Thrusters, force: Forces) -> Forces:
     """Force that each thruster loses for each m/s of water along its push [N s/m], at forces [N].
 
     A propeller gives T_nn n|n| - T_nv |n| u: with n ~ sqrt(f) the loss grows with the square root of the force. Below a
