@@ -8,6 +8,7 @@ import equinox as eqx
 
 from rovtwin.core.frames import skew
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
 from rovtwin.positioning.estimators.motion import process_noise, transition
 from rovtwin.positioning.images.camera_model import CORNERS, Eyes, rotation, see
@@ -91,7 +92,7 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Ar
     place, known = state.map.find(slot.ids)
     n = state.P.shape[0]
 
-    def again(_: int, step: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+    def again(_: Index, step: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         pivots, rows, visible = _innovation(given, state, slot, place, step[0])
         return (rows[:, :1] * rows[:, 1:] / pivots[:, None]).sum(axis=0), pivots, rows, step[3] & visible
 

@@ -6,6 +6,7 @@ What identification wants: readings whose errors have nothing to do with each ot
 import numpy as np
 
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
 from rovtwin.positioning.images.camera_model import Eyes, rotation, see
 from rovtwin.positioning.images.observations import Frames, Sightings
@@ -60,7 +61,7 @@ def _fit(eyes: Eyes, tuning: SlamTuning, sizes: Array, *columns):
         weight = jnp.where(used, tuning.pixel**-2, 0.0)
         prior = jnp.concatenate([jnp.full(3, _NOTHING), tuning.attitude**-2])
 
-        def again(_: int, guess: tuple[Array, Array]) -> tuple[Array, Array]:
+        def again(_: Index, guess: tuple[Array, Array]) -> tuple[Array, Array]:
             x, _P = guess  # position and noise of the attitude
             seen = jax.vmap(lambda c, p, R, i: see(eyes[c], x[:3], R_meas @ rotation(x[3:]), p, R, sizes[i]))(
                 slots.camera, position, R_nm, slots.ids

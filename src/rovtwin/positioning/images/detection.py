@@ -19,6 +19,7 @@ import numpy as np
 from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index
 from rovtwin.core.vision import opencv
 from rovtwin.positioning.images.camera_model import rotation
 from rovtwin.positioning.images.print_fit import fitted
@@ -247,7 +248,7 @@ def _fit(lens: Lens, pixels: Array, sizes: Array, t: Array, R: Array) -> tuple[A
         def residual(step: Array, t: Array, R: Array) -> Array:
             return (project(lens, flat @ (R @ rotation(step[3:])).T + t + step[:3]) - corners).reshape(8)
 
-        def newton(_: int, pose: tuple[Array, Array]) -> tuple[Array, Array]:
+        def newton(_: Index, pose: tuple[Array, Array]) -> tuple[Array, Array]:
             t, R = pose
             e, J = residual(jnp.zeros(6), t, R), pose_slope(lens, flat, t, R)
             step = -jnp.linalg.solve(J.T @ J + 1e-6 * jnp.diag(jnp.diagonal(J.T @ J)), J.T @ e)

@@ -28,7 +28,7 @@ def damping_jacobian(model: Model, nu: Vector6, size: int = 6) -> Float[Array, "
     """
     v = nu[:size]
 
-    def part(matrix: Matrix6) -> Float[Array, "{size} {size}"]:
+    def part(matrix: Matrix6) -> Float[Array, "m m"]:
         return matrix if size == 6 else matrix[:size, :size]
 
     ahead = jnp.where(v > 0, 1.0, jnp.where(v < 0, 0.0, 0.5))
