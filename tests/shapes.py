@@ -40,25 +40,25 @@ def trace_blocks(problems: list[str]) -> int:
 
 
 def trace_vehicles(problems: list[str]) -> int:
-    """Description, Model and three steps of the plant of every vehicle in the library; how many."""
+    """Description and Model of every vehicle in the library, a roll-out of each form of Model; how many."""
     from rovtwin.core.block import Start
     from rovtwin.core.flow import Command, Environment
     from rovtwin.core.numerics import jax, jnp
     from rovtwin.vehicle import list_library, load_vehicle
-    from rovtwin.vehicle.physics.dynamics import State, plant_step
+    from rovtwin.vehicle.physics.dynamics import State, rollout
 
-    def three_steps(model: Any, state: Any, command: Any, water: Any) -> Any:
-        for _ in range(3):
-            state = plant_step(model, state, command, water, DT)
-        return state
-
-    names = list_library()
+    names, seen = list_library(), set()
     water = Environment.calm(surface=jnp.zeros(()), gradient=jnp.zeros((3, 3)))
     for name in names:
         with gathered(problems, name):
             model = load_vehicle(name).model()
-            command = Command(jnp.zeros(model.thrusters.count))
-            jax.eval_shape(three_steps, model, State.at(model, Start.at((0.0, 0.0, 3.0))), command, water)
+            form = str(jax.tree.map(jnp.shape, model))
+            if form in seen:
+                continue
+            seen.add(form)
+            commands = jax.vmap(Command)(jnp.zeros((3, model.thrusters.count)))
+            start = State.at(model, Start.at((0.0, 0.0, 3.0)))
+            jax.eval_shape(lambda *given: rollout(*given, DT), model, start, commands, water)
     return len(names)
 
 
