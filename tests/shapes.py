@@ -58,7 +58,7 @@ def trace_vehicles(problems: list[str]) -> int:
             seen.add(form)
             commands = jax.vmap(Command)(jnp.zeros((3, model.thrusters.count)))
             start = State.at(model, Start.at((0.0, 0.0, 3.0)))
-            jax.eval_shape(lambda *given: rollout(*given, DT), model, start, commands, water)
+            jax.eval_shape(lambda m, s, c: rollout(m, s, c, water, DT), model, start, commands)
     return len(names)
 
 
