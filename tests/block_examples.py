@@ -445,8 +445,8 @@ def sights() -> SightInput:
     t_cm = t_cm.at[:, 2, 2].set(1.0)  # an empty slot's pose is before the camera all the same
     valid = jnp.stack([jnp.ones(TICKS, bool), jnp.arange(TICKS) % 20 < 15, jnp.zeros(TICKS, bool)], axis=1)
     yes = jnp.ones((TICKS, 3), bool)
-    slots = Sightings(valid, every_tick(jnp.array([3, 7, 0])), 0 * valid, corners, t_cm, R_cm, yes, yes)
-    return SightInput(slots, jax.vmap(quaternion_from_euler)(heading[:, None] * jnp.array([0.0, 0.0, 1.0])))
+    slots = jax.vmap(Sightings)(valid, every_tick(jnp.array([3, 7, 0])), 0 * valid, corners, t_cm, R_cm, yes, yes)
+    return jax.vmap(SightInput)(slots, jax.vmap(quaternion_from_euler)(heading[:, None] * jnp.array([0.0, 0.0, 1.0])))
 
 
 def marker_filter() -> Example:

@@ -4,11 +4,18 @@
 at run time but in tests (`tests/shapes.py`). Types say shape and kind of number, docstrings frame and unit.
 """
 
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
+import numpy as np
 from jaxtyping import Bool, Float, Int, Key, UInt32
 
 from rovtwin.core.numerics import Array
+
+# What is made on the host and given to compiled steps, which take NumPy's arrays too: to them it is an Array.
+if TYPE_CHECKING:
+    HostArray: TypeAlias = Array
+else:
+    HostArray = Array | np.ndarray
 
 Scalar: TypeAlias = Float[Array, ""]
 ScalarLike: TypeAlias = Scalar | float
