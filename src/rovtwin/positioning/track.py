@@ -93,7 +93,7 @@ def track(
     layout: Layout | None = None,
     tuning: SlamTuning | None = None,
     sizes: Float[np.ndarray, " ids"] | None = None,
-    start: Sequence[float] = (0.0, 0.0, 0.0),
+    start: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
     gains: Gains | None = None,
 ) -> Track:
     """The track of a recording.

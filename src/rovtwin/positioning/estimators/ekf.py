@@ -24,7 +24,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.core.types import Flag, Index, Matrix6, PRNGKey, Quaternion, Scalar, Vector3, Vector6
+from rovtwin.core.types import Flag, Index, Matrix6, PRNGKey, Quaternion, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.positioning.estimators.ekf_steps import (
     EMPTY,
     NOBODY,
@@ -167,7 +167,7 @@ class MarkerEkf(Block):
         state = State(x, jnp.diag(jnp.concatenate([vehicle, markers])), self.layout)
         return SlamMemory(state, jnp.zeros((), dtype=int) * capacity)
 
-    def step(self, memory: SlamMemory, input: SightInput, dt: float) -> tuple[SlamMemory, SlamOutput]:
+    def step(self, memory: SlamMemory, input: SightInput, dt: ScalarLike) -> tuple[SlamMemory, SlamOutput]:
         """Predict over dt to the frame's time, then take in what it shows."""
         tuning, slots = self.tuning, input.sightings
         given = Given(tuning, self.eyes, self.sizes, rotation_from_quaternion(input.attitude))

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.core.types import Matrix3, PRNGKey, Scalar, Vector3
+from rovtwin.core.types import Matrix3, PRNGKey, Scalar, ScalarLike, Vector3
 from rovtwin.positioning.images.camera_model import Eyes
 from rovtwin.positioning.images.observations import SightInput
 from rovtwin.vehicle.description.cameras import Camera
@@ -88,7 +88,9 @@ class MarkerLuenberger(Block):
         ids = jnp.full(self.capacity, NOBODY)
         return LuenbergerMemory(start.position, start.velocity[:3], ids, jnp.zeros((self.capacity, 3)))
 
-    def step(self, memory: LuenbergerMemory, input: SightInput, dt: float) -> tuple[LuenbergerMemory, LuenbergerOutput]:
+    def step(
+        self, memory: LuenbergerMemory, input: SightInput, dt: ScalarLike
+    ) -> tuple[LuenbergerMemory, LuenbergerOutput]:
         """Predict over dt to the frame's time, then correct by the landmarks it shows."""
         R_nb, seen = rotation_from_quaternion(input.attitude), input.sightings
         turn = _about_down(R_nb)
