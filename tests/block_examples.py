@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 from tests.vehicle.random_vehicles import THRUSTERS, build
 
@@ -123,6 +124,11 @@ def every_tick(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf), (TICKS, *jnp.shape(leaf))), tree)
 
 
+def one_clock(inputs: Any) -> Any:
+    """`in_axes` of a batch of inputs: each has its own, but for the clock k."""
+    return eqx.tree_at(lambda i: i.k, jax.tree.map(lambda _: 0, inputs), None)
+
+
 @functools.cache
 def model():
     return build(3, count=6)
@@ -131,7 +137,7 @@ def model():
 def states() -> State:
     attitude = jax.vmap(quaternion_from_euler)(over_time(3, seed=1))
     position = START.position + over_time(3, seed=2)
-    return State(position, attitude, over_time(6, seed=3), over_time(THRUSTERS, seed=4, size=3.0))
+    return jax.vmap(State)(position, attitude, over_time(6, seed=3), over_time(THRUSTERS, seed=4, size=3.0))
 
 
 def estimates() -> Estimate:
@@ -194,7 +200,9 @@ def watched() -> SupervisorInput:
 
 
 def sensor_inputs() -> SensorInput:
-    return SensorInput(states(), over_time(6, seed=16), jnp.arange(TICKS) + 450, every_tick(Environment.calm()))
+    return jax.vmap(SensorInput)(
+        states(), over_time(6, seed=16), jnp.arange(TICKS) + 450, every_tick(Environment.calm())
+    )
 
 
 # One class serves every kind: one with all that can go wrong, one that needs the acceleration.
@@ -217,7 +225,8 @@ SENSORS = {
 
 
 def sensor(kind: str) -> Example:
-    return Example(Sensor(**({"kind": kind} | SENSORS[kind])), sensor_inputs(), PHYSICS, SensorInput(0, 0, None, 0))
+    seen = sensor_inputs()
+    return Example(Sensor(**({"kind": kind} | SENSORS[kind])), seen, PHYSICS, one_clock(seen))
 
 
 def sheared() -> ShearedCurrent:
@@ -241,19 +250,21 @@ def sea() -> AirySea:
 def battery() -> Example:
     feeds = np.arange(THRUSTERS) < 2
     block = Battery([1e-3, 20.0], [20.0, 5.0], [feeds, ~feeds], np.tile([1.0, 1.45], (THRUSTERS, 1)))
-    return Example(block, BatteryInput(over_time(10, 3, THRUSTERS, seed=18, size=5.0)))
+    return Example(block, jax.vmap(BatteryInput)(over_time(10, 3, THRUSTERS, seed=18, size=5.0)))
 
 
 def faults() -> Example:
     some = [ThrusterFault("weak", [0], 0.2, share=0.5), ThrusterFault("stuck", [1], 0.4, 0.9)]
     block = Faults(THRUSTERS, [*some, ThrusterFault("reversed", [2], 0.1)], [(0.5, 0.6)])
-    return Example(block, FaultInput(commands(), jnp.arange(TICKS)), CONTROL, FaultInput(0, None))
+    sent = jax.vmap(FaultInput)(commands(), jnp.arange(TICKS))
+    return Example(block, sent, CONTROL, one_clock(sent))
 
 
 def twin() -> Example:
     sensors = {name: sensor for name, sensor in table_5_7().items() if name in ("accelerometer", "pressure")}
     block = Twin(model(), World(wandering()), sensors)
-    return Example(block, TwinInput(commands(), jnp.arange(TICKS)), CONTROL, TwinInput(0, None))
+    sent = jax.vmap(TwinInput)(commands(), jnp.arange(TICKS))
+    return Example(block, sent, CONTROL, one_clock(sent))
 
 
 def tether() -> Example:
@@ -262,7 +273,7 @@ def tether() -> Example:
     block = Tether(cable, (4.0, 0.0, 0.0), (-0.2, 0.1, 0.0), 12.0, slack=jnp.asarray(1.1), segments=10)
     water = over_time(11, 3, seed=30)
     snagged = (jnp.arange(TICKS) > 20) & (jnp.arange(TICKS) < 40)
-    return Example(block, TetherInput(states(), water, snagged))
+    return Example(block, jax.vmap(TetherInput)(states(), water, snagged))
 
 
 def measurements() -> Measurements:
@@ -337,13 +348,13 @@ def onboard() -> Example:
     """A stick in one half of the time, holds in the other."""
     half = jnp.arange(TICKS) < TICKS // 2
     holds = jnp.stack([~half, ~half, half, ~half], axis=1)
-    order = Order(
+    order = jax.vmap(Order)(
         every_tick(jnp.asarray(True)), over_time(6, seed=51, size=0.5), holds, over_time(4, seed=52), half & False
     )
     seen = estimates()
     return Example(
         Onboard.of(model().thrusters, jnp.full(6, 10.0)),
-        OnboardInput(order, seen.eta, seen.nu, every_tick(jnp.ones(6, dtype=bool))),
+        jax.vmap(OnboardInput)(order, seen.eta, seen.nu, every_tick(jnp.ones(6, dtype=bool))),
         differentiable=False,
     )
 
@@ -434,8 +445,8 @@ def sights() -> SightInput:
     t_cm = t_cm.at[:, 2, 2].set(1.0)  # an empty slot's pose is before the camera all the same
     valid = jnp.stack([jnp.ones(TICKS, bool), jnp.arange(TICKS) % 20 < 15, jnp.zeros(TICKS, bool)], axis=1)
     yes = jnp.ones((TICKS, 3), bool)
-    slots = Sightings(valid, every_tick(jnp.array([3, 7, 0])), 0 * valid, corners, t_cm, R_cm, yes, yes)
-    return SightInput(slots, jax.vmap(quaternion_from_euler)(heading[:, None] * jnp.array([0.0, 0.0, 1.0])))
+    slots = jax.vmap(Sightings)(valid, every_tick(jnp.array([3, 7, 0])), 0 * valid, corners, t_cm, R_cm, yes, yes)
+    return jax.vmap(SightInput)(slots, jax.vmap(quaternion_from_euler)(heading[:, None] * jnp.array([0.0, 0.0, 1.0])))
 
 
 def marker_filter() -> Example:

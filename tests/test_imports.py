@@ -53,7 +53,7 @@ LAYERS: dict[str, list[set[str]]] = {
     "core": [
         {"errors", "notebook", "sensors"},
         {"datum", "extras", "plugins", "processes", "trust", "user_files", "vision"},
-        {"log", "markers", "numerics"},
+        {"log", "markers", "numerics", "types"},
         {"block", "flow", "frames"},
         {"arrays", "link"},
         {"contract"},

@@ -12,22 +12,23 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, module_for
+from rovtwin.core.types import Quaternion, Scalar, Vector3, Vector6
 
 
 class Start(eqx.Module):
     """Where a run begins: what a block may know before its first tick.
 
     Attributes:
-        position: CO in n [m], shape (3,).
-        attitude: Quaternion R_nb, shape (4,).
-        velocity: nu, body frame at CO [m/s, rad/s], shape (6,).
+        position: CO in n [m].
+        attitude: Quaternion R_nb.
+        velocity: nu, body frame at CO [m/s, rad/s].
         position_std: Standard deviation of north and of east [m]; 0 where the place is known exactly, as in the twin.
     """
 
-    position: Array
-    attitude: Array
-    velocity: Array
-    position_std: Array = eqx.field(converter=as_array, default=0.0)
+    position: Vector3
+    attitude: Quaternion
+    velocity: Vector6
+    position_std: Scalar = eqx.field(converter=as_array, default=0.0)
 
     @classmethod
     def at(cls, position: object = (0.0, 0.0, 0.0), heading: float = 0.0) -> "Start":

@@ -7,28 +7,31 @@ roll), stored as `[phi, theta, psi]`. All functions take and return JAX arrays o
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
 """
 
+from jaxtyping import Float
+
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Matrix3, Quaternion, Scalar, Vector3
 
 
-def skew(a: Array) -> Array:
-    """Skew-symmetric S(a), shape (3, 3), with S(a) b = a x b. Fossen (2021), eq. 2.10."""
+def skew(a: Vector3) -> Matrix3:
+    """Skew-symmetric S(a), with S(a) b = a x b. Fossen (2021), eq. 2.10."""
     x, y, z = a[0], a[1], a[2]
     zero = jnp.zeros_like(x)
     return jnp.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
 
 
-def cross(a: Array, b: Array) -> Array:
+def cross(a: Vector3, b: Vector3) -> Vector3:
     """Cross product a x b of two (3,) vectors; faster to compile and run than jnp.cross."""
     return jnp.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def wrap(angle: Array) -> Array:
+def wrap(angle: Float[Array, " *axes"]) -> Float[Array, " *axes"]:
     """The same angle in [-pi, pi) [rad], any shape."""
     return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
 
 
-def rotation_from_quaternion(q: Array) -> Array:
-    """R_nb, shape (3, 3), of a unit quaternion, shape (4,). Fossen (2021), eq. 2.73."""
+def rotation_from_quaternion(q: Quaternion) -> Matrix3:
+    """R_nb of a unit quaternion. Fossen (2021), eq. 2.73."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     return jnp.array(
         [
@@ -39,8 +42,8 @@ def rotation_from_quaternion(q: Array) -> Array:
     )
 
 
-def rotation_from_euler(euler: Array) -> Array:
-    """R_nb, shape (3, 3), of zyx Euler angles [phi, theta, psi] [rad]. Fossen (2021), eq. 2.31 (thesis 2.4, mended)."""
+def rotation_from_euler(euler: Vector3) -> Matrix3:
+    """R_nb of zyx Euler angles [phi, theta, psi] [rad]. Fossen (2021), eq. 2.31 (thesis 2.4, mended)."""
     (cf, ct, cp), (sf, st, sp) = jnp.cos(euler), jnp.sin(euler)
     return jnp.array(
         [
@@ -51,29 +54,29 @@ def rotation_from_euler(euler: Array) -> Array:
     )
 
 
-def heading_rotation(heading: Array) -> Array:
-    """From ahead and starboard to north and east, level, shape (2, 2), of a heading [rad]."""
+def heading_rotation(heading: Scalar) -> Float[Array, "2 2"]:
+    """From ahead and starboard to north and east, level, of a heading [rad]."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
 
 
-def yaw_rotation(heading: Array) -> Array:
-    """R_nb of a level vehicle, shape (3, 3), of a heading [rad]."""
+def yaw_rotation(heading: Scalar) -> Matrix3:
+    """R_nb of a level vehicle with a heading [rad]."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     zero, one = jnp.zeros_like(c), jnp.ones_like(c)
     return jnp.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
 
 
-def euler_rate_matrix(euler: Array) -> Array:
-    """T(Theta), shape (3, 3), with Theta_dot = T omega; singular at theta = +-pi/2. Fossen (2021), eq. 2.41."""
+def euler_rate_matrix(euler: Vector3) -> Matrix3:
+    """T(Theta), with Theta_dot = T omega; singular at theta = +-pi/2. Fossen (2021), eq. 2.41."""
     cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
     ct, tt = jnp.cos(euler[1]), jnp.tan(euler[1])
     one, zero = jnp.ones_like(cf), jnp.zeros_like(cf)
     return jnp.array([[one, sf * tt, cf * tt], [zero, cf, -sf], [zero, sf / ct, cf / ct]])
 
 
-def quaternion_multiply(a: Array, b: Array) -> Array:
-    """Hamilton product a b, shape (4,): the rotation b first, then a."""
+def quaternion_multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product a b: the rotation b first, then a."""
     aw, ax, ay, az = a[0], a[1], a[2], a[3]
     bw, bx, by, bz = b[0], b[1], b[2], b[3]
     return jnp.array(
@@ -86,34 +89,34 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
     )
 
 
-def quaternion_conjugate(q: Array) -> Array:
-    """The inverse rotation of a unit quaternion, shape (4,)."""
+def quaternion_conjugate(q: Quaternion) -> Quaternion:
+    """The inverse rotation of a unit quaternion."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0])
 
 
-def quaternion_rate(q: Array, omega: Array) -> Array:
-    """q_dot, shape (4,), for body angular velocity omega, shape (3,) [rad/s]. Fossen (2021), eq. 2.78."""
+def quaternion_rate(q: Quaternion, omega: Vector3) -> Quaternion:
+    """q_dot for body angular velocity omega [rad/s]. Fossen (2021), eq. 2.78."""
     return 0.5 * quaternion_multiply(q, jnp.concatenate([jnp.zeros_like(omega[:1]), omega]))
 
 
-def quaternion_normalise(q: Array) -> Array:
+def quaternion_normalise(q: Quaternion) -> Quaternion:
     """The unit quaternion along q."""
     return q / jnp.sqrt(jnp.sum(q * q))
 
 
-def quaternion_turned(q: Array, half: Array) -> Array:
-    """q, shape (4,), after a small rotation in b, half of it given [rad], shape (3,): exact to second order."""
+def quaternion_turned(q: Quaternion, half: Vector3) -> Quaternion:
+    """q after a small rotation in b, half of it given [rad]: exact to second order."""
     return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
 
 
-def rotation_between(a: Array, b: Array) -> Array:
-    """The small rotation in b that turns quaternion b into a [rad], shape (3,): exact to second order."""
+def rotation_between(a: Quaternion, b: Quaternion) -> Vector3:
+    """The small rotation in b that turns quaternion b into a [rad]: exact to second order."""
     q = quaternion_multiply(quaternion_conjugate(b), a)
     return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
 
 
-def quaternion_from_euler(euler: Array) -> Array:
-    """Unit quaternion, shape (4,), of zyx Euler angles [phi, theta, psi] [rad]."""
+def quaternion_from_euler(euler: Vector3) -> Quaternion:
+    """Unit quaternion of zyx Euler angles [phi, theta, psi] [rad]."""
     (cf, ct, cp), (sf, st, sp) = jnp.cos(euler / 2), jnp.sin(euler / 2)
     return jnp.array(
         [
@@ -125,8 +128,8 @@ def quaternion_from_euler(euler: Array) -> Array:
     )
 
 
-def euler_from_quaternion(q: Array) -> Array:
-    """zyx Euler angles [phi, theta, psi] [rad], shape (3,), of a unit quaternion; singular at theta = +-pi/2."""
+def euler_from_quaternion(q: Quaternion) -> Vector3:
+    """zyx Euler angles [phi, theta, psi] [rad] of a unit quaternion; singular at theta = +-pi/2."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     sine = jnp.clip(2 * (w * y - x * z), -1.0, 1.0)
     return jnp.array(
@@ -138,8 +141,8 @@ def euler_from_quaternion(q: Array) -> Array:
     )
 
 
-def quaternion_from_rotation(R_nb: Array) -> Array:
-    """Unit quaternion, scalar part >= 0, shape (4,), of a rotation matrix, shape (3, 3). Shepperd (1978)."""
+def quaternion_from_rotation(R_nb: Matrix3) -> Quaternion:
+    """Unit quaternion, scalar part >= 0, of a rotation matrix. Shepperd (1978)."""
     (a, b, c), (d, e, f), (g, h, i) = R_nb
     candidates = jnp.array(
         [
@@ -155,8 +158,8 @@ def quaternion_from_rotation(R_nb: Array) -> Array:
     return jnp.where(q[0] < 0, -q, q)
 
 
-def rotate_to_body(q: Array, vector_n: Array) -> Array:
-    """A vector seen in n, shape (3,), as seen in b: R_nb^T v."""
+def rotate_to_body(q: Quaternion, vector_n: Vector3) -> Vector3:
+    """A vector seen in n as seen in b: R_nb^T v."""
     return rotation_from_quaternion(q).T @ vector_n
 
 
@@ -164,13 +167,13 @@ _NED_ENU = jnp.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FRD_FLU = jnp.array([1.0, -1.0, -1.0])
 
 
-def readings_in_body(value: Array, kind: str, rotation: Array) -> Array:
-    """Readings of an accelerometer, gyro or compass along the axes of b, from those along its own, shape (m, 3).
+def readings_in_body(value: Float[Array, "m 3"], kind: str, rotation: Matrix3) -> Float[Array, "m 3"]:
+    """Readings of an accelerometer, gyro or compass along the axes of b, from those along its own.
 
     Args:
         value: Readings: specific force [m/s2], rates [rad/s], or zyx Euler angles of the sensor's axes [rad].
         kind: "accelerometer", "gyro" or "attitude"; the velocity of a "dvl" as well [m/s].
-        rotation: R_bs, maps its axes to b, shape (3, 3).
+        rotation: R_bs, maps its axes to b.
     """
     if kind != "attitude":
         return value @ rotation.T
@@ -178,44 +181,44 @@ def readings_in_body(value: Array, kind: str, rotation: Array) -> Array:
     return jax.vmap(lambda e: euler_from_quaternion(quaternion_multiply(quaternion_from_euler(e), q_sb)))(value)
 
 
-def ned_to_enu(vector: Array) -> Array:
+def ned_to_enu(vector: Vector3) -> Vector3:
     """North-east-down (3,) to east-north-up (3,)."""
     return _NED_ENU @ vector
 
 
-def enu_to_ned(vector: Array) -> Array:
+def enu_to_ned(vector: Vector3) -> Vector3:
     """East-north-up (3,) to north-east-down (3,)."""
     return _NED_ENU @ vector
 
 
-def frd_to_flu(vector: Array) -> Array:
+def frd_to_flu(vector: Vector3) -> Vector3:
     """Forward-right-down (3,) to forward-left-up (3,)."""
     return _FRD_FLU * vector
 
 
-def flu_to_frd(vector: Array) -> Array:
+def flu_to_frd(vector: Vector3) -> Vector3:
     """Forward-left-up (3,) to forward-right-down (3,)."""
     return _FRD_FLU * vector
 
 
-def attitude_ned_frd_to_enu_flu(q: Array) -> Array:
-    """Quaternion mapping FRD to NED -> quaternion mapping FLU to ENU (ROS REP 103), shape (4,)."""
+def attitude_ned_frd_to_enu_flu(q: Quaternion) -> Quaternion:
+    """Quaternion mapping FRD to NED -> quaternion mapping FLU to ENU (ROS REP 103)."""
     half = jnp.sqrt(0.5)
     enu_from_ned = jnp.array([0.0, half, half, 0.0])
     frd_from_flu = jnp.array([0.0, 1.0, 0.0, 0.0])
     return quaternion_multiply(quaternion_multiply(enu_from_ned, q), frd_from_flu)
 
 
-def attitude_enu_flu_to_ned_frd(q: Array) -> Array:
-    """Quaternion mapping FLU to ENU -> quaternion mapping FRD to NED, shape (4,)."""
+def attitude_enu_flu_to_ned_frd(q: Quaternion) -> Quaternion:
+    """Quaternion mapping FLU to ENU -> quaternion mapping FRD to NED."""
     half = jnp.sqrt(0.5)
     ned_from_enu = jnp.array([0.0, half, half, 0.0])
     flu_from_frd = jnp.array([0.0, 1.0, 0.0, 0.0])
     return quaternion_multiply(quaternion_multiply(ned_from_enu, q), flu_from_frd)
 
 
-def body_rates_from_euler_rates(euler: Array) -> Array:
-    """T(Theta)^-1, shape (3, 3); regular at every attitude. Fossen (2021), eq. 2.40."""
+def body_rates_from_euler_rates(euler: Vector3) -> Matrix3:
+    """T(Theta)^-1; regular at every attitude. Fossen (2021), eq. 2.40."""
     cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
     ct, st = jnp.cos(euler[1]), jnp.sin(euler[1])
     one, zero = jnp.ones_like(cf), jnp.zeros_like(cf)

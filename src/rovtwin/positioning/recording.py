@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from rovtwin.core.errors import LogError
@@ -20,9 +21,9 @@ GAP = 0.5  # attitude readings further apart than this are not bridged [s]
 
 @dataclass(frozen=True, eq=False)
 class Attitude:
-    """Readings of the attitude: times [s], shape (n,), and rotations; `channel` they come from."""
+    """Readings of the attitude: times [s], and rotations; `channel` they come from."""
 
-    t: np.ndarray
+    t: Float[np.ndarray, " n"]
     rotation: Rotation
     channel: str
 
@@ -42,8 +43,8 @@ class Attitude:
                 return cls(t[order], Rotation.from_euler("ZYX", euler[order]), name)
         raise LogError(f"{log.source}: found no attitude; expected a channel {' or '.join(ATTITUDES)}")
 
-    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Quaternions R_nb, shape (n, 4), at times t, and at which of them there are readings near, bool."""
+    def at(self, t: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Bool[np.ndarray, " n"]]:
+        """Quaternions R_nb, at times t, and at which of them there are readings near."""
         inside = (t >= self.t[0]) & (t <= self.t[-1])
         after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
         inside &= self.t[after] - self.t[after - 1] <= GAP
@@ -65,7 +66,7 @@ def record(
     videos: Sequence[Video],
     cameras: Sequence[Camera],
     detector: Detector,
-    sizes: np.ndarray,
+    sizes: Float[np.ndarray, " ids"],
     slots: int = 16,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
@@ -107,7 +108,7 @@ def record(
     return Recording(Frames.of(times[keep], q[keep], rows), [instants[k] for k in keep], tuple(notes))
 
 
-def _shared_readings(attitude: Attitude, t: np.ndarray) -> list[str]:
+def _shared_readings(attitude: Attitude, t: Float[np.ndarray, " n"]) -> list[str]:
     """Whether neighbouring frames at times t share readings of the attitude, and with them their errors."""
     near = attitude.t[(attitude.t >= t[0]) & (attitude.t <= t[-1])]
     if len(t) < 2 or len(near) < 2:
@@ -121,7 +122,9 @@ def _shared_readings(attitude: Attitude, t: np.ndarray) -> list[str]:
     ]
 
 
-def _instants(seen: list[tuple[float, int, Detections]], cameras: int) -> tuple[np.ndarray, list[list[Detections]]]:
+def _instants(
+    seen: list[tuple[float, int, Detections]], cameras: int
+) -> tuple[Float[np.ndarray, " n"], list[list[Detections]]]:
     """Frames of all cameras in order of time, those of different cameras at one instant together."""
     times: list[float] = []
     found: list[list[Detections]] = []

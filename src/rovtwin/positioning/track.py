@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
@@ -40,12 +41,12 @@ _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A marker of the map: id, position in n [m] (3,), quaternion R_nm (4,), std of shift [m] and turn [rad] (6,)."""
+    """A marker of the map: id, position in n [m], quaternion R_nm, std of shift [m] and turn [rad]."""
 
     id: int
-    position: np.ndarray
-    attitude: np.ndarray
-    std: np.ndarray
+    position: Float[np.ndarray, "3"]
+    attitude: Float[np.ndarray, "4"]
+    std: Float[np.ndarray, "6"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,32 +55,32 @@ class Track:
 
     Attributes:
         method: Which of METHODS.
-        t: Times of the frames [s], shape (n,).
-        position: CO in n [m], shape (n, 3).
-        velocity: In n [m/s], shape (n, 3).
-        std: Of both, by the estimator's covariance, shape (n, 6); NaN where it does not say (luenberger).
-        attitude: Quaternions R_nb, shape (n, 4).
-        offset: Of the attitude that was measured, a rotation vector in n [rad], shape (3,); R_nb = exp(offset) R_meas.
-        offset_std: Its standard deviation [rad], shape (3,).
-        counts: Markers seen, used and rejected in each frame, shape (n, 3).
-        fix: Position from each frame alone [m], shape (n, 3); NaN where there is none. See `fixes`.
-        fix_std: Its standard deviation [m], shape (n, 3).
+        t: Times of the frames [s].
+        position: CO in n [m].
+        velocity: In n [m/s].
+        std: Of both, by the estimator's covariance; NaN where it does not say (luenberger).
+        attitude: Quaternions R_nb.
+        offset: Of the attitude that was measured, a rotation vector in n [rad]; R_nb = exp(offset) R_meas.
+        offset_std: Its standard deviation [rad].
+        counts: Markers seen, used and rejected in each frame.
+        fix: Position from each frame alone [m]; NaN where there is none. See `fixes`.
+        fix_std: Its standard deviation [m].
         markers: The map at the end.
         pixel_rms: Of the residuals [px]; NaN where the method has none.
         notes: What happened on the way, one line each.
     """
 
     method: Method
-    t: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    std: np.ndarray
-    attitude: np.ndarray
-    offset: np.ndarray
-    offset_std: np.ndarray
-    counts: np.ndarray
-    fix: np.ndarray
-    fix_std: np.ndarray
+    t: Float[np.ndarray, " n"]
+    position: Float[np.ndarray, "n 3"]
+    velocity: Float[np.ndarray, "n 3"]
+    std: Float[np.ndarray, "n 6"]
+    attitude: Float[np.ndarray, "n 4"]
+    offset: Float[np.ndarray, "3"]
+    offset_std: Float[np.ndarray, "3"]
+    counts: Int[np.ndarray, "n 3"]
+    fix: Float[np.ndarray, "n 3"]
+    fix_std: Float[np.ndarray, "n 3"]
     markers: list[Placed]
     pixel_rms: float
     notes: tuple[str, ...]
@@ -91,8 +92,8 @@ def track(
     method: Method = "ekf",
     layout: Layout | None = None,
     tuning: SlamTuning | None = None,
-    sizes: np.ndarray | None = None,
-    start: Sequence[float] = (0.0, 0.0, 0.0),
+    sizes: Float[np.ndarray, " ids"] | None = None,
+    start: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
     gains: Gains | None = None,
 ) -> Track:
     """The track of a recording.
@@ -188,12 +189,12 @@ def _observed(
 def _fixes(
     recording: Recording,
     filter: MarkerEkf,
-    offset: np.ndarray,
-    near: np.ndarray,
-    position: np.ndarray,
-    attitude: np.ndarray,
-    landmark: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+    offset: Float[np.ndarray, "3"],
+    near: Float[np.ndarray, "n 3"],
+    position: Float[np.ndarray, "landmarks 3"],
+    attitude: Float[np.ndarray, "landmarks 4"],
+    landmark: Int[np.ndarray, "n slots"],
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     frames = recording.frames
     R_meas = np.asarray(rotation(jnp.asarray(offset))) @ np.asarray(_rotations(jnp.asarray(frames.attitude)))
     R_nm = np.asarray(_rotations(jnp.asarray(attitude)))
@@ -202,7 +203,7 @@ def _fixes(
     return fixes(filter.eyes, filter.tuning, filter.sizes, *arguments)
 
 
-def _counts(recording: Recording, out: Outputs) -> np.ndarray:
+def _counts(recording: Recording, out: Outputs) -> Int[np.ndarray, "n 3"]:
     used = ((out.status == USED) | (out.status == NEW)).sum(axis=1)
     seen = np.asarray(recording.frames.sightings.valid).sum(axis=1)
     return np.stack([seen, used, (out.status == REJECTED).sum(axis=1)], axis=1)
@@ -242,7 +243,7 @@ def _notes(recording: Recording, filter: MarkerEkf, out: Outputs) -> tuple[str, 
     return tuple(notes + _dark(t, ((out.status == USED) | (out.status == NEW)).any(axis=1)))
 
 
-def _dark(t: np.ndarray, seen: np.ndarray) -> list[str]:
+def _dark(t: Float[np.ndarray, " n"], seen: Bool[np.ndarray, " n"]) -> list[str]:
     """Times without any marker."""
     edges = np.concatenate([[t[0]], t[seen], [t[-1]]])
     return [f"no marker from {a:g} to {b:g} s" for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > DARK]

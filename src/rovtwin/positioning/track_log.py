@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.frames import euler_from_quaternion
@@ -51,8 +52,8 @@ def track_log(track: Track, source: Log | None = None, metadata: dict[str, Any] 
     return Log.from_arrays(channels, data, entries)
 
 
-def _turned(series: Series, offset: np.ndarray) -> np.ndarray:
-    """Values of an attitude channel with an offset taken out, a rotation vector in n [rad], shape (3,)."""
+def _turned(series: Series, offset: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n fields"]:
+    """Values of an attitude channel with an offset taken out, a rotation vector in n [rad]."""
     values = series.values.copy()
     if offset.any():
         columns = [series.channel.index(angle) for angle in ("psi", "theta", "phi")]

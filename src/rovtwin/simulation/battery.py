@@ -10,37 +10,39 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import PerThruster, PRNGKey, Vector2
 from rovtwin.simulation.checks import require_not_negative, require_positive, require_probability, require_shape
 from rovtwin.vehicle.physics.thrusters import Thrusters, half_steps, static_force
 
 
 class BatteryInput(eqx.Module):
-    """Forces of n thrusters at begin, middle and end of each step of a control tick [N], shape (steps, 3, n)."""
+    """Forces of n thrusters at begin, middle and end of each step of a control tick [N]."""
 
-    force: Array
+    force: Float[Array, "steps 3 n"]
 
 
 class BatteryState(eqx.Module):
     """What is known of b batteries after a control tick.
 
     Attributes:
-        used: Energy taken out of each since it was full [J], shape (b,).
-        charge: Share that is left in each, shape (b,).
-        power: Mean power drawn from each over the tick [W], shape (b,).
+        used: Energy taken out of each since it was full [J].
+        charge: Share that is left in each.
+        power: Mean power drawn from each over the tick [W].
     """
 
-    used: Array
-    charge: Array
-    power: Array
+    used: Float[Array, " b"]
+    charge: Float[Array, " b"]
+    power: Float[Array, " b"]
 
     @property
-    def telemetry(self) -> Array:
-        """What a battery gauge shows, shape (2,): charge of the emptiest, power of all [W]."""
+    def telemetry(self) -> Vector2:
+        """What a battery gauge shows: charge of the emptiest, power of all [W]."""
         return jnp.stack([self.charge.min(), self.power.sum()])
 
 
@@ -50,23 +52,23 @@ class Battery(Block):
     An empty one gives nothing any more; its thrusters stop.
 
     Attributes:
-        capacity: Shape (b,) [J].
-        hotel_load: Drawn as long as there is charge: computers, camera, lights, shape (b,) [W].
-        feeds: Which thrusters each one feeds, shape (b, n), 1 or 0; a thruster that none feeds never stops.
-        ahead: c of each thruster for positive forces, shape (n,) [W/N^1.5].
-        astern: For negative ones, shape (n,).
-        start: Charge at the beginning, 0 to 1, shape (b,).
+        capacity: [J].
+        hotel_load: Drawn as long as there is charge: computers, camera, lights [W].
+        feeds: Which thrusters each one feeds, 1 or 0; a thruster that none feeds never stops.
+        ahead: c of each thruster for positive forces [W/N^1.5].
+        astern: For negative ones.
+        start: Charge at the beginning, 0 to 1.
     """
 
-    capacity: Array
-    hotel_load: Array
-    feeds: Array
-    ahead: Array
-    astern: Array
-    start: Array
+    capacity: Float[Array, " b"]
+    hotel_load: Float[Array, " b"]
+    feeds: Float[Array, "b n"]
+    ahead: Float[Array, " n"]
+    astern: Float[Array, " n"]
+    start: Float[Array, " b"]
 
     def __init__(self, capacity_wh: Any, hotel_load: Any, feeds: Any, specific_power: Any, start: Any = 1.0):
-        """From capacities [Wh], loads [W], `feeds` (b, n) and specific powers (n, 2) ahead and astern [W/N^1.5].
+        """From capacities [Wh], loads [W], `feeds` (b, n) and specific powers ahead and astern [W/N^1.5].
 
         Raises:
             ConfigError: Numbers that no battery can have, or a thruster on two of them.
@@ -87,7 +89,7 @@ class Battery(Block):
         if (np.sum(feeds, axis=0) > 1).any():
             raise ConfigError("battery.feeds: a thruster hangs on two batteries, expected one at most")
 
-    def init(self, key: Array, start: Start) -> BatteryState:
+    def init(self, key: PRNGKey, start: Start) -> BatteryState:
         """At the charge given; `key` and `start` are not used."""
         return BatteryState((1.0 - self.start) * self.capacity, self.start, jnp.zeros_like(self.start))
 
@@ -104,19 +106,19 @@ class Battery(Block):
         after = BatteryState(jnp.where(charge > 0.0, used, self.capacity), charge, energy / dt)
         return after, after
 
-    def alive(self, memory: BatteryState) -> Array:
-        """1 for each thruster that has power, 0 for the others, shape (n,)."""
+    def alive(self, memory: BatteryState) -> PerThruster:
+        """1 for each thruster that has power, 0 for the others."""
         empty = jnp.where(memory.charge > 0.0, 0.0, 1.0)
         return 1.0 - jnp.sum(self.feeds * empty[:, None], axis=0)
 
 
-def thruster_power(ahead: Array, astern: Array, force: Array) -> Array:
-    """Electrical power of thrusters [W], shape (..., n), c |F|^1.5.
+def thruster_power(ahead: PerThruster, astern: PerThruster, force: Float[Array, "*axes n"]) -> Float[Array, "*axes n"]:
+    """Electrical power of thrusters [W], c |F|^1.5.
 
     Args:
-        ahead: c for positive forces, shape (n,) [W/N^1.5].
-        astern: c for negative ones, shape (n,).
-        force: Shape (..., n) [N].
+        ahead: c for positive forces [W/N^1.5].
+        astern: c for negative ones.
+        force: [N].
     """
     size = jnp.abs(force)
     # The inner `where` keeps the gradient of the root finite at zero.
@@ -124,14 +126,16 @@ def thruster_power(ahead: Array, astern: Array, force: Array) -> Array:
     return jnp.where(force >= 0.0, ahead, astern) * size * root
 
 
-def forces_within(thrusters: Thrusters, command: Command, before: Array, ends: Array, dt: float) -> Array:
-    """Forces as the plant takes them within the steps of a control tick [N], shape (steps, 3, n).
+def forces_within(
+    thrusters: Thrusters, command: Command, before: PerThruster, ends: Float[Array, "steps n"], dt: float
+) -> Float[Array, "steps 3 n"]:
+    """Forces as the plant takes them within the steps of a control tick [N].
 
     Args:
         thrusters: Of the plant in this tick.
         command: Held over the tick.
-        before: Forces before it, shape (n,).
-        ends: Forces after each step, shape (steps, n).
+        before: Forces before it.
+        ends: Forces after each step.
         dt: Length of a step [s].
     """
     starts = jnp.concatenate([before[None], ends[:-1]])

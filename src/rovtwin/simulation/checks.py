@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array
+from rovtwin.core.types import Scalar
 
 
 def require(where: str, value: Array, sound: Callable[[np.ndarray], Any], expected: str) -> None:
@@ -48,8 +50,8 @@ def require_finite(where: str, value: Array) -> None:
     require(where, value, np.isfinite, "finite numbers")
 
 
-def require_spans(where: str, spans: Array) -> None:
-    """Spans of time (from, to), shape (m, 2); the end may be infinite."""
+def require_spans(where: str, spans: Float[Array, "m 2"]) -> None:
+    """Spans of time (from, to); the end may be infinite."""
     if isinstance(spans, Tracer):
         return
     found = np.asarray(spans)
@@ -57,11 +59,11 @@ def require_spans(where: str, spans: Array) -> None:
         raise ConfigError(f"{where}: found {found.tolist()}, expected pairs (from, to)")
 
 
-def within(spans: Array, t: Array, dt: float) -> Array:
-    """Whether t lies in each span, from (included) to (excluded), shape (m,).
+def within(spans: Float[Array, "m 2"], t: Scalar, dt: float) -> Bool[Array, " m"]:
+    """Whether t lies in each span, from (included) to (excluded).
 
     Args:
-        spans: Shape (m, 2) [s].
+        spans: [s].
         t: [s].
         dt: Step in which t advances [s]; a thousandth of it keeps rounding from deciding on which side of an edge t is.
     """
@@ -82,9 +84,9 @@ def require_shape(where: str, value: Array, shape: tuple[int, ...]) -> None:
 
 
 def require_rotation(where: str, value: Array) -> None:
-    """A matrix that turns and does not stretch, shape (3, 3)."""
+    """A matrix that turns and does not stretch."""
     require(where, value, _is_rotation, "a rotation matrix (R R' = I, det R = 1)")
 
 
-def _is_rotation(R: np.ndarray) -> bool:
+def _is_rotation(R: Float[np.ndarray, "3 3"]) -> bool:
     return bool(np.all(np.abs(R @ R.T - np.eye(3)) < 1e-6) and np.linalg.det(R) > 0)

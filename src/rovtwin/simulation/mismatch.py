@@ -1,8 +1,10 @@
 """A plant that differs from the model its autopilot was given, as real vehicles do."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jax, jnp, module_for
+from rovtwin.core.types import Matrix6, PRNGKey, ScalarLike
 from rovtwin.simulation.noise import key_for
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.physics.model import GRAVITY, Model
@@ -12,7 +14,7 @@ DAMPING = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_a
 
 
 def perturbed(
-    model: Model, key: Array, damping: Array | float = 0.25, mass: Array | float = 1.10, thrust: Array | float = 0.90
+    model: Model, key: PRNGKey, damping: ScalarLike = 0.25, mass: ScalarLike = 1.10, thrust: ScalarLike = 0.90
 ) -> Model:
     """A plant like `model`, but drawn anew.
 
@@ -25,7 +27,7 @@ def perturbed(
         thrust: Factor on the force of every thruster.
     """
 
-    def factors(name: str) -> Array:
+    def factors(name: str) -> Matrix6:
         ahead = name.replace("astern", "ahead")
         own, shared = (
             jax.random.uniform(key_for(key, n), (6, 6), minval=1.0 - damping, maxval=1.0 + damping)
@@ -34,7 +36,7 @@ def perturbed(
         # A coefficient that is the same ahead and astern is one coefficient, and has one draw.
         return jnp.where(getattr(model, name) == getattr(model, ahead), shared, own)
 
-    def scaled(name: str) -> Array:
+    def scaled(name: str) -> Float[Array, "*axes"]:
         return getattr(model, name) * factors(name)
 
     heavier = ("rigid_body_mass", "added_mass", "weight", "buoyancy", "displaced_mass")
@@ -67,7 +69,7 @@ def _factor(ours: Thrusters, theirs: Thrusters) -> float:
     return float(weaker / whole) if whole > 0 else 1.0
 
 
-def _weaker(model: Model, factor: Array | float) -> Thrusters:
+def _weaker(model: Model, factor: ScalarLike) -> Thrusters:
     thrusters = model.thrusters
     return jax.tree.unflatten(
         jax.tree.structure(thrusters),
@@ -78,7 +80,7 @@ def _weaker(model: Model, factor: Array | float) -> Thrusters:
     )
 
 
-def lifted(model: Model, force: Array | float) -> Model:
+def lifted(model: Model, force: ScalarLike) -> Model:
     """The same vehicle with `force` more net buoyancy [N], at its centre of buoyancy, of displaced volume."""
     xp = module_for(model, force)
     more = xp.asarray(force)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from rovtwin.core.block import Start
@@ -21,7 +22,7 @@ _run = jax.jit(rollout, static_argnums=4)
 
 def roll_out(
     model: Model,
-    u: np.ndarray,
+    u: Float[np.ndarray, "steps n"],
     dt: float,
     position: ArrayLike,
     heading: float,
@@ -32,7 +33,7 @@ def roll_out(
 
     Args:
         model: The vehicle.
-        u: Commands, shape (steps, n).
+        u: Commands.
         dt: Step [s].
         position: CO at the start, n [m].
         heading: At the start [rad].

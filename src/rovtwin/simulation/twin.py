@@ -7,7 +7,8 @@ import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Environment, Measurements, Slot
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.types import Flag, Index, PerThruster, PRNGKey, Vector6
 from rovtwin.simulation.battery import Battery, BatteryInput, BatteryState, forces_within
 from rovtwin.simulation.environment.world import World, WorldMemory
 from rovtwin.simulation.events.attitude_restraint import AttitudeRestraint
@@ -23,7 +24,7 @@ class TwinInput(eqx.Module):
     """`command` held over the control tick, and its number `k` from 0: an int that is never batched."""
 
     command: Command
-    k: Array | int
+    k: Index | int
 
 
 class TwinMemory(eqx.Module):
@@ -32,7 +33,7 @@ class TwinMemory(eqx.Module):
     state: State
     world: WorldMemory
     sensors: dict[str, SensorMemory]
-    faults: Array | None = None
+    faults: PerThruster | None = None
     battery: BatteryState | None = None
     tethers: dict[str, TetherMemory] = eqx.field(default_factory=dict)
 
@@ -42,13 +43,13 @@ class TwinOutput(eqx.Module):
 
     Attributes:
         state: Truth at its end.
-        nu_dot: Rate of nu there, shape (6,) [m/s2, rad/s2].
+        nu_dot: Rate of nu there [m/s2, rad/s2].
         environment: Water and external wrench over its last physics step.
         measurements: Readings delivered within it, in order of arrival.
     """
 
     state: State
-    nu_dot: Array
+    nu_dot: Vector6
     environment: Environment
     measurements: Measurements
 
@@ -83,7 +84,7 @@ class Twin(Block):
     tethers: dict[str, Tether] = eqx.field(default_factory=dict)
     hand: AttitudeRestraint | None = None
 
-    def init(self, key: Array, start: Start) -> TwinMemory:
+    def init(self, key: PRNGKey, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""
         world = self.world.init(key_for(key, "world"), start)
         h = 1.0 / PHYSICS_RATE  # before the first step no current depends on how long it will be
@@ -116,7 +117,7 @@ class Twin(Block):
             model, energy = weakened(model, self.battery.alive(battery)), battery.telemetry
         tethers, pulls = self._pull(memory, snagged, dt)
 
-        def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], Any]:
+        def substep(carry: tuple[TwinMemory, TwinOutput], j: Index) -> tuple[tuple[TwinMemory, TwinOutput], Any]:
             memory, output = carry
             k = first + j
             world, environment = self.world.step(memory.world, memory.state, h)
@@ -146,7 +147,7 @@ class Twin(Block):
         return after, output
 
     def _pull(
-        self, memory: TwinMemory, snagged: dict[str, Array], dt: float
+        self, memory: TwinMemory, snagged: dict[str, Flag], dt: float
     ) -> tuple[dict[str, TetherMemory], dict[str, Pull]]:
         """All tethers over one control tick."""
         memories, pulls = {}, {}
@@ -157,7 +158,7 @@ class Twin(Block):
             memories[name], pulls[name] = tether.step(before, seen, dt)
         return memories, pulls
 
-    def _nu_dot(self, k: Array, j: Array, state: State, environment: Environment, last: Array, h: float) -> Array:
+    def _nu_dot(self, k: Index, j: Index, state: State, environment: Environment, last: Vector6, h: float) -> Vector6:
         """Acceleration at the end of physics step k; computed when an accelerometer reads it, or as output."""
         needed = j == self.substeps - 1
         for sensor in self.sensors.values():
@@ -165,14 +166,14 @@ class Twin(Block):
                 needed = needed | sensor.ticks(k)
         tau = self.model.thrusters.configuration @ state.thrust
 
-        def now() -> Array:
+        def now() -> Vector6:
             inflow = inflow_of(self.model, state.thrust)
             return acceleration(self.model, state.position, state.attitude, state.nu, tau, environment, h, inflow)
 
         return jax.lax.cond(needed, now, lambda: last)
 
     def _sense(
-        self, memory: TwinMemory, output: TwinOutput, seen: SensorInput, first: Array, h: float
+        self, memory: TwinMemory, output: TwinOutput, seen: SensorInput, first: Index, h: float
     ) -> tuple[dict[str, SensorMemory], Measurements]:
         """All sensors over one physics step; what they deliver goes into the tick's slots, row by row."""
         memories, measurements = {}, {}

@@ -13,11 +13,13 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Measurements
 from rovtwin.core.frames import heading_rotation, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Flag, PRNGKey, Scalar, Vector2, Vector3, Vector6
 from rovtwin.vehicle.physics.actuation import BY_PRODUCT, reachable_share
 from rovtwin.vehicle.physics.thrusters import Thrusters, command_for_force, force_limits
 
@@ -37,17 +39,17 @@ class Order(eqx.Module):
 
     Attributes:
         armed: Bool.
-        motion: Shape (6,).
-        holds: Depth, heading, level, position, shape (4,), bool.
-        target: x, y, z [m] in n and heading [rad], shape (4,).
-        aimed: Whether there is a target, bool.
+        motion: Shares of what sticks can ask for.
+        holds: Depth, heading, level, position.
+        target: x, y, z [m] in n and heading [rad].
+        aimed: Whether there is a target.
     """
 
-    armed: Array
-    motion: Array
-    holds: Array
-    target: Array
-    aimed: Array
+    armed: Flag
+    motion: Vector6
+    holds: Bool[Array, "4"]
+    target: Float[Array, "4"]
+    aimed: Flag
 
     @classmethod
     def none(cls) -> "Order":
@@ -60,30 +62,30 @@ class OnboardInput(eqx.Module):
 
     Attributes:
         order: The command.
-        eta, nu: Pose and velocity, shapes (6,).
-        known: Which axes of them are known, shape (6,), bool; others give nothing while they shall be held.
+        eta, nu: Pose and velocity.
+        known: Which axes of them are known; others give nothing while they shall be held.
     """
 
     order: Order
-    eta: Array
-    nu: Array
-    known: Array
+    eta: Vector6
+    nu: Vector6
+    known: Bool[Array, "6"]
 
 
 class OnboardMemory(eqx.Module):
-    """Pose that is held, n, shape (6,); which of it, shape (6,), bool; integral [N, N m], shape (6,); target, bool."""
+    """Pose that is held, n; which of it; integral [N, N m]; target."""
 
-    held: Array
-    on: Array
-    integral: Array
-    aimed: Array
+    held: Vector6
+    on: Bool[Array, "6"]
+    integral: Vector6
+    aimed: Flag
 
 
 class OnboardOutput(eqx.Module):
-    """Commands of its thrusters, and the wrench that they shall give, b at the drone's origin [N, N m], shape (6,)."""
+    """Commands of its thrusters, and the wrench that they shall give, b at the drone's origin [N, N m]."""
 
     command: Command
-    tau: Array
+    tau: Vector6
 
 
 class Onboard(Block):
@@ -91,21 +93,21 @@ class Onboard(Block):
 
     Attributes:
         thrusters: Its own, seen from its own origin.
-        inverse: Pseudo-inverse of their configuration, shape (n, 6).
-        largest: Wrench along each axis alone that they can give, b [N, N m], shape (6,).
-        inertia: That a hold counts with, shape (6,) [kg, kg m2]; zero along axes that thrusters do not reach.
-        frequency: Of holds [rad/s], shape (6,).
+        inverse: Pseudo-inverse of their configuration.
+        largest: Wrench along each axis alone that they can give, b [N, N m].
+        inertia: That a hold counts with [kg, kg m2]; zero along axes that thrusters do not reach.
+        frequency: Of holds [rad/s].
     """
 
     thrusters: Thrusters
-    inverse: Array = eqx.field(converter=as_array)
-    largest: Array = eqx.field(converter=as_array)
-    inertia: Array = eqx.field(converter=as_array)
-    frequency: Array = eqx.field(converter=as_array)
+    inverse: Float[Array, "n 6"] = eqx.field(converter=as_array)
+    largest: Vector6 = eqx.field(converter=as_array)
+    inertia: Vector6 = eqx.field(converter=as_array)
+    frequency: Vector6 = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, thrusters: Thrusters, inertia: Any) -> "Onboard":
-        """For thrusters seen from the drone's origin, and the inertia along each axis, shape (6,), that they move."""
+        """For thrusters seen from the drone's origin, and the inertia along each axis that they move."""
         configuration = np.asarray(thrusters.configuration)
         able = reachable_share(configuration) > BY_PRODUCT
         inverse = np.linalg.pinv(configuration, rcond=1e-9) * able
@@ -115,7 +117,7 @@ class Onboard(Block):
         frequency = np.minimum(FREQUENCY, LAGGED / lag if lag > 0.0 else np.inf)
         return cls(thrusters, inverse, np.where(able, most.min(axis=0), 0.0), np.asarray(inertia) * able, frequency)
 
-    def init(self, key: Array, start: Start) -> OnboardMemory:
+    def init(self, key: PRNGKey, start: Start) -> OnboardMemory:
         return OnboardMemory(jnp.zeros(6), jnp.zeros(6, dtype=bool), jnp.zeros(6), jnp.asarray(False))
 
     def step(self, memory: OnboardMemory, input: OnboardInput, dt: float) -> tuple[OnboardMemory, OnboardOutput]:
@@ -137,7 +139,9 @@ class Onboard(Block):
         live = order.armed & on
         return OnboardMemory(held, live, jnp.where(live, integral, 0.0), order.aimed), OnboardOutput(command, tau)
 
-    def _held(self, memory: OnboardMemory, order: Order, eta: Array, on: Array, rate: Array, dt: float) -> Array:
+    def _held(
+        self, memory: OnboardMemory, order: Order, eta: Vector6, on: Bool[Array, "6"], rate: Vector6, dt: float
+    ) -> Vector6:
         """Pose to hold: that of when the hold came on, moved by sticks, or the target."""
         moved = memory.held + _turned(rate, heading_rotation(eta[5])) * dt
         # While a stick moves what is held it does not run ahead of a vehicle that cannot follow.
@@ -153,7 +157,7 @@ class Onboard(Block):
         held = jnp.where(order.aimed, goal, held)
         return eta + _shortest(held - eta)
 
-    def _allocated(self, tau: Array) -> tuple[Command, Array]:
+    def _allocated(self, tau: Vector6) -> tuple[Command, Vector6]:
         """Commands for a wrench, and what of it they give: all is scaled back alike."""
         force = self.inverse @ tau
         low, high = force_limits(self.thrusters)
@@ -162,36 +166,36 @@ class Onboard(Block):
         return Command(command_for_force(self.thrusters, force)), self.thrusters.configuration @ force
 
 
-def _axes(order: Order) -> Array:
-    """Which axes are held, shape (6,), bool."""
+def _axes(order: Order) -> Bool[Array, "6"]:
+    """Which axes are held."""
     depth, heading, level, place = (order.holds[i] | (order.aimed & (i != 2)) for i in range(4))
     return jnp.stack([place, place, depth, level, level, heading])
 
 
-def _turned(vector: Array, to: Array) -> Array:
+def _turned(vector: Vector6, to: Float[Array, "2 2"]) -> Vector6:
     """The level part of a six-vector turned by a matrix (2, 2), the rest as it is."""
     return jnp.concatenate([to @ vector[:2], vector[2:]])
 
 
-def _shortest(difference: Array) -> Array:
+def _shortest(difference: Vector6) -> Vector6:
     """Angles of a difference of poses the short way round."""
     return jnp.concatenate([difference[:3], wrap(difference[3:])])
 
 
 class SenseMemory(eqx.Module):
-    """Depth and its rate, shape (2,); attitude and rates as last read, shape (6,); silence of each sensor [s], (3,)."""
+    """Depth and its rate; attitude and rates as last read; silence of each sensor [s]."""
 
-    depth: Array
-    turning: Array
-    silence: Array
+    depth: Vector2
+    turning: Vector6
+    silence: Vector3
 
 
 class Sensed(eqx.Module):
-    """What a drone knows of itself: eta, nu, shapes (6,), and which axes of them, shape (6,), bool."""
+    """What a drone knows of itself: eta, nu, and which axes of them."""
 
-    eta: Array
-    nu: Array
-    known: Array
+    eta: Vector6
+    nu: Vector6
+    known: Bool[Array, "6"]
 
 
 class Sense(Block):
@@ -206,9 +210,9 @@ class Sense(Block):
     """
 
     names: tuple[str, str, str] = eqx.field(static=True)
-    rate: Array = eqx.field(converter=as_array)
+    rate: Scalar = eqx.field(converter=as_array)
 
-    def init(self, key: Array, start: Start) -> SenseMemory:
+    def init(self, key: PRNGKey, start: Start) -> SenseMemory:
         return SenseMemory(jnp.zeros(2), jnp.zeros(6), jnp.full(3, 2 * SILENT))
 
     def step(self, memory: SenseMemory, input: Measurements, dt: float) -> tuple[SenseMemory, Sensed]:
@@ -227,7 +231,7 @@ class Sense(Block):
         sensed = Sensed(eta, nu, jnp.stack([no, no, silence[0] < SILENT, turns, turns, turns]))
         return SenseMemory(depth, jnp.concatenate([angles, rates]), silence), sensed
 
-    def _tracked(self, depth: Array, read: Array, known: Array) -> Array:
+    def _tracked(self, depth: Vector2, read: Scalar, known: Flag) -> Vector2:
         """Depth and rate after a reading; the first one after a silence is accepted as it is."""
         better = depth + (read - depth[0]) * jnp.stack([as_array(ALPHA), BETA * self.rate])
         return jnp.where(known, better, jnp.stack([read, jnp.zeros(())]))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
@@ -50,8 +51,8 @@ class Layout(Generic[Tree]):
         """The slice of the vector that each leaf fills, as a tree like the one laid out."""
         return self._structure.unflatten([place for place, _, _ in self._leaves])
 
-    def flatten(self, tree: Tree) -> Array:
-        """The vector of a tree, shape (size,); for compiled code."""
+    def flatten(self, tree: Tree) -> Float[Array, " {self.size}"]:
+        """The vector of a tree; for compiled code."""
         leaves = self._structure.flatten_up_to(tree)
         return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(leaf).astype(jnp.float64) for leaf in leaves)])
 

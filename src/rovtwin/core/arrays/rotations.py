@@ -6,10 +6,11 @@ The conventions are those of `core.frames`, against which the tests hold these.
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 
-def skew(a: np.ndarray) -> np.ndarray:
-    """S(a), shape (3, 3), with S(a) b = a x b."""
+def skew(a: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """S(a), with S(a) b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
@@ -18,8 +19,8 @@ def wrapped(angle: Any) -> Any:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def rotation_from_euler(euler: Any) -> np.ndarray:
-    """R_nb, shape (..., 3, 3), of zyx Euler angles [phi, theta, psi] [rad], shape (..., 3). Fossen (2021), eq. 2.31."""
+def rotation_from_euler(euler: Any) -> Float[np.ndarray, "*axes 3 3"]:
+    """R_nb of zyx Euler angles [phi, theta, psi] [rad]. Fossen (2021), eq. 2.31."""
     (cf, ct, cp), (sf, st, sp) = _cosines_and_sines(euler)
     rows = [
         [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
@@ -29,34 +30,34 @@ def rotation_from_euler(euler: Any) -> np.ndarray:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def euler_from_rotation(R: np.ndarray) -> np.ndarray:
-    """zyx Euler angles [phi, theta, psi] [rad], shape (..., 3), of R_nb, (..., 3, 3); singular at theta = +-pi/2."""
+def euler_from_rotation(R: Float[np.ndarray, "*axes 3 3"]) -> Float[np.ndarray, "*axes 3"]:
+    """zyx Euler angles [phi, theta, psi] [rad] of R_nb; singular at theta = +-pi/2."""
     theta = -np.arcsin(np.clip(R[..., 2, 0], -1.0, 1.0))
     return np.stack([np.arctan2(R[..., 2, 1], R[..., 2, 2]), theta, np.arctan2(R[..., 1, 0], R[..., 0, 0])], axis=-1)
 
 
-def quaternion_from_euler(euler: Any) -> np.ndarray:
-    """Unit quaternion [w, x, y, z], shape (..., 4), of zyx Euler angles [phi, theta, psi] [rad], shape (..., 3)."""
+def quaternion_from_euler(euler: Any) -> Float[np.ndarray, "*axes 4"]:
+    """Unit quaternion [w, x, y, z] of zyx Euler angles [phi, theta, psi] [rad]."""
     (cf, ct, cp), (sf, st, sp) = _cosines_and_sines(np.asarray(euler, dtype=float) / 2)
     w, x = cf * ct * cp + sf * st * sp, sf * ct * cp - cf * st * sp
     y, z = cf * st * cp + sf * ct * sp, cf * ct * sp - sf * st * cp
     return np.stack([w, x, y, z], axis=-1)
 
 
-def heading_rotation(heading: Any) -> np.ndarray:
-    """From ahead and starboard to north and east, shape (..., 2, 2), of headings [rad], shape (...)."""
+def heading_rotation(heading: Any) -> Float[np.ndarray, "*axes 2 2"]:
+    """From ahead and starboard to north and east, of headings [rad]."""
     c, s = np.cos(heading), np.sin(heading)
     return np.moveaxis(np.array([[c, -s], [s, c]]), (0, 1), (-2, -1))
 
 
-def turn_about_z(angle: float) -> np.ndarray:
-    """Rotation about z [rad], shape (3, 3): clockwise seen from above, where z is down."""
+def turn_about_z(angle: float) -> Float[np.ndarray, "3 3"]:
+    """Rotation about z [rad]: clockwise seen from above, where z is down."""
     turn = np.eye(3)
     turn[:2, :2] = heading_rotation(angle)
     return turn
 
 
-def _cosines_and_sines(angles: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Of angles, shape (..., 3), by angle: shapes (3, ...)."""
+def _cosines_and_sines(angles: Any) -> tuple[Float[np.ndarray, " 3 *axes"], Float[np.ndarray, " 3 *axes"]]:
+    """Of angles, by angle."""
     by_angle = np.moveaxis(np.asarray(angles, dtype=float), -1, 0)
     return np.cos(by_angle), np.sin(by_angle)

@@ -6,8 +6,10 @@ or one vehicle of a pair, is lost.
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import PerThruster, Scalar, Vector6
 from rovtwin.gnc.allocation.box_least_squares import box_least_squares
 from rovtwin.gnc.allocation.prioritised import largest_force, row_weights
 from rovtwin.vehicle.physics.actuation import wrench_limits
@@ -22,19 +24,23 @@ _PASSES = 3
 
 
 def attainable(
-    thrusters: Thrusters, direction: Array, health: Array, held: Array | None = None, spent: Array | None = None
-) -> Array:
-    """Largest factor s for which the thrusters can make `spent + s direction`, shape ().
+    thrusters: Thrusters,
+    direction: Vector6,
+    health: PerThruster,
+    held: Bool[Array, "6"] | None = None,
+    spent: Vector6 | None = None,
+) -> Scalar:
+    """Largest factor s for which the thrusters can make `spent + s direction`.
 
     A linear programme, solved as one more least-squares allocation: s is a thruster that pushes against the direction
     and prefers far more than it can have. Exact to about 1e-4 of the result.
 
     Args:
         thrusters: Their own health is not used.
-        direction: Wrench, b at CO [N, N m], shape (6,); along held axes only.
-        health: Share of its force that each thruster still gives, shape (n,).
-        held: Axes along which the wrench must be just this, shape (6,), bool; the others may be anything. None is all.
-        spent: Wrench that is needed besides, as for buoyancy or drag, shape (6,); None is none.
+        direction: Wrench, b at CO [N, N m]; along held axes only.
+        health: Share of its force that each thruster still gives.
+        held: Axes along which the wrench must be just this; the others may be anything. None is all.
+        spent: Wrench that is needed besides, as for buoyancy or drag; None is none.
 
     Returns:
         s >= 0; 0 also where `spent` alone is too much, and where nothing is asked for.
@@ -53,7 +59,9 @@ def attainable(
     lower_x, upper_x = jnp.append(lowest / largest, 0.0), jnp.append(highest / largest, 1.0)
     preferred = jnp.zeros_like(lower_x).at[-1].set(_PULL)
 
-    def ask_back(before: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
+    def ask_back(
+        before: tuple[Float[Array, " x"], Vector6], _: None
+    ) -> tuple[tuple[Float[Array, " x"], Vector6], None]:
         """Method of multipliers: what s gained by a misfit is asked back."""
         misfit = before[1]
         x = box_least_squares(A, b + misfit, lower_x, upper_x, preferred, _DAMPING)
@@ -64,8 +72,8 @@ def attainable(
     return jnp.where(enough, bound * x[-1], 0.0)
 
 
-def _bound(direction: Array, lower: Array, upper: Array) -> Array:
-    """What each axis by itself allows, shape (); 0 for no direction at all."""
+def _bound(direction: Vector6, lower: Vector6, upper: Vector6) -> Scalar:
+    """What each axis by itself allows; 0 for no direction at all."""
     some = direction != 0.0
     room = jnp.where(direction > 0.0, upper, lower) / jnp.where(some, direction, 1.0)
     return jnp.where(jnp.any(some), jnp.maximum(jnp.min(jnp.where(some, room, jnp.inf)), 0.0), 0.0)
@@ -75,27 +83,27 @@ class RemainingWrench(eqx.Module):
     """What thrusters can do along each axis while the others that are held stay at zero.
 
     Attributes:
-        negative: Largest force or moment astern, to port, up, ... [N, N m], shape (6,), positive numbers.
-        positive: The same ahead, to starboard, down, ..., shape (6,).
-        horizontal: Least over all horizontal directions of the largest force [N], shape ().
+        negative: Largest force or moment astern, to port, up, ... [N, N m], positive numbers.
+        positive: The same ahead, to starboard, down, ...
+        horizontal: Least over all horizontal directions of the largest force [N].
     """
 
-    negative: Array
-    positive: Array
-    horizontal: Array
+    negative: Vector6
+    positive: Vector6
+    horizontal: Scalar
 
     @property
-    def either(self) -> Array:
-        """What is there both ways, shape (6,)."""
+    def either(self) -> Vector6:
+        """What is there both ways."""
         return jnp.minimum(self.negative, self.positive)
 
 
-def remaining(thrusters: Thrusters, health: Array, held: tuple[bool, ...] = HELD) -> RemainingWrench:
+def remaining(thrusters: Thrusters, health: PerThruster, held: tuple[bool, ...] = HELD) -> RemainingWrench:
     """What is left with this health, for a supervisor to compare with what it needs.
 
     Args:
         thrusters: Their own health is not used.
-        health: Share of its force that each thruster still gives, shape (n,).
+        health: Share of its force that each thruster still gives.
         held: Axes that have to stay at zero beside the one asked for, X to N. Without yaw, for example, it tells what
             is left of surge for a vehicle that may turn.
     """
@@ -106,13 +114,13 @@ def remaining(thrusters: Thrusters, health: Array, held: tuple[bool, ...] = HELD
     masks = np.asarray(held) | (directions != 0.0)
     masks[12:, :2] = True
 
-    def along(direction: Array, mask: Array) -> Array:
+    def along(direction: Vector6, mask: Bool[Array, "6"]) -> Scalar:
         return attainable(thrusters, direction, health, mask)
 
     found = jax.vmap(along)(jnp.asarray(directions), jnp.asarray(masks))
     return RemainingWrench(found[:6], found[6:12], jnp.min(found[12:]))
 
 
-def lost_axes(now: RemainingWrench, sound: RemainingWrench, least: float = 0.1) -> Array:
-    """Axes of which less than this share of a sound vehicle's wrench is left, either way, shape (6,), bool."""
+def lost_axes(now: RemainingWrench, sound: RemainingWrench, least: float = 0.1) -> Bool[Array, "6"]:
+    """Axes of which less than this share of a sound vehicle's wrench is left, either way."""
     return now.either < least * sound.either

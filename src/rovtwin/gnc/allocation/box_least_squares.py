@@ -11,24 +11,34 @@ Reference: Madsen, Nielsen and Pinar (1999), Bound constrained quadratic program
     Math. Program. 85; Qi and Sun (1993), A nonsmooth version of Newton's method, Math. Program. 58.
 """
 
+from jaxtyping import Bool, Float
+
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Flag, Index, Scalar
 
 # A bound for the real-time loop (benchmarks/allocation.py counts them); what it leaves is within bounds all the same.
 MOST_STEPS = 30
 
 
-def box_least_squares(A: Array, b: Array, lower: Array, upper: Array, preferred: Array, damping: float) -> Array:
-    """The x of the minimum, shape (n,); see the module.
+def box_least_squares(
+    A: Float[Array, "m n"],
+    b: Float[Array, " m"],
+    lower: Float[Array, " n"],
+    upper: Float[Array, " n"],
+    preferred: Float[Array, " n"],
+    damping: float,
+) -> Float[Array, " n"]:
+    """The x of the minimum; see the module.
 
     The bounds that hold are found without gradient, x from them with it: derivatives are those of the minimum (the
     implicit function theorem), one-sided where a bound is about to hold.
 
     Args:
-        A: Shape (m, n), of any rank. Entries should be of the order of one, rows of importance larger.
-        b: Shape (m,).
-        lower: Shape (n,).
-        upper: Shape (n,), nowhere below `lower`; an x whose bounds are equal is fixed.
-        preferred: Shape (n,); need not be within the bounds.
+        A: Matrix, of any rank. Entries should be of the order of one, rows of importance larger.
+        b: Right-hand side.
+        lower: Of x.
+        upper: Nowhere below `lower`; an x whose bounds are equal is fixed.
+        preferred: Where x goes where A leaves it free; need not be within the bounds.
         damping: Positive. x is exact to about 1e-16 (largest entry of A)^2 / damping.
     """
     fixed = jax.lax.stop_gradient((A, b, lower, upper, preferred))
@@ -39,13 +49,22 @@ def box_least_squares(A: Array, b: Array, lower: Array, upper: Array, preferred:
     return jnp.where(free, jnp.clip(preferred + A.T @ r / damping, lower, upper), held)
 
 
-def unbounded(A: Array, b: Array, lower: Array, upper: Array, preferred: Array, damping: float) -> tuple[Array, Array]:
-    """preferred + A^T r / damping at the minimum, shape (n,), and how many steps it took.
+def unbounded(
+    A: Float[Array, "m n"],
+    b: Float[Array, " m"],
+    lower: Float[Array, " n"],
+    upper: Float[Array, " n"],
+    preferred: Float[Array, " n"],
+    damping: float,
+) -> tuple[Float[Array, " n"], Index]:
+    """preferred + A^T r / damping at the minimum, and how many steps it took.
 
     Where it lies beyond a bound, that bound holds.
     """
 
-    def newton(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+    def newton(
+        state: tuple[Index, Float[Array, " m"], Float[Array, " n"], Flag],
+    ) -> tuple[Index, Float[Array, " m"], Float[Array, " n"], Flag]:
         k, r, y, _ = state
         x, free = jnp.clip(y, lower, upper), (y > lower) & (y < upper)
         d = _solve(_slope(A, free, damping), b - A @ x - r)
@@ -56,7 +75,7 @@ def unbounded(A: Array, b: Array, lower: Array, upper: Array, preferred: Array, 
         same = (free == ((after > lower) & (after < upper))) & ((y >= upper) == (after >= upper))
         return k + 1, r + t * d, after, jnp.all(same)
 
-    def unsettled(state: tuple[Array, Array, Array, Array]) -> Array:
+    def unsettled(state: tuple[Index, Float[Array, " m"], Float[Array, " n"], Flag]) -> Flag:
         return (state[0] < MOST_STEPS) & ~state[3]
 
     start = jnp.zeros((), dtype=int), jnp.zeros_like(b), preferred, jnp.zeros((), dtype=bool)
@@ -64,22 +83,30 @@ def unbounded(A: Array, b: Array, lower: Array, upper: Array, preferred: Array, 
     return y, steps
 
 
-def _slope(A: Array, free: Array, damping: float) -> Array:
-    """d(r + A x(r))/dr, shape (m, m)."""
+def _slope(A: Float[Array, "m n"], free: Bool[Array, " n"], damping: float) -> Float[Array, "m m"]:
+    """d(r + A x(r))/dr."""
     # Broadcast and sum: a matrix product would leave the compiled loop (docs/performance.md).
     return jnp.eye(A.shape[0]) + jnp.sum((A * free)[:, None, :] * A[None, :, :], axis=2) / damping
 
 
-def _minimum_along(d: Array, r_b: Array, y: Array, dy: Array, lower: Array, upper: Array, damping: float) -> Array:
+def _minimum_along(
+    d: Float[Array, " m"],
+    r_b: Float[Array, " m"],
+    y: Float[Array, " n"],
+    dy: Float[Array, " n"],
+    lower: Float[Array, " n"],
+    upper: Float[Array, " n"],
+    damping: float,
+) -> Scalar:
     """Length t of the step along d to the least value: the zero of a rising function with known kinks.
 
     Args:
-        d: Direction, shape (m,).
-        r_b: r - b, shape (m,).
-        y: preferred + A^T r / damping, shape (n,).
-        dy: Its change along d, shape (n,).
-        lower: Shape (n,).
-        upper: Shape (n,).
+        d: Direction.
+        r_b: r - b.
+        y: preferred + A^T r / damping.
+        dy: Its change along d.
+        lower: Bounds of x.
+        upper: The same.
         damping: See the module.
     """
     curvature, offset = d @ d, d @ r_b
@@ -97,7 +124,7 @@ def _minimum_along(d: Array, r_b: Array, y: Array, dy: Array, lower: Array, uppe
     return t0 - s0 * width / jnp.where(rise > 0.0, rise, 1.0)
 
 
-def _solve(S: Array, r: Array) -> Array:
+def _solve(S: Float[Array, "m m"], r: Float[Array, " m"]) -> Float[Array, " m"]:
     """S^-1 r by elimination; S is the identity plus a positive semi-definite matrix, so that no pivot is below 1."""
     m = S.shape[0]
     rows = jnp.concatenate([S, r[:, None]], axis=1)

@@ -15,7 +15,8 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import Configuration, PerThruster, PRNGKey, Scalar, Vector6
 from rovtwin.gnc.allocation.box_least_squares import box_least_squares
 from rovtwin.gnc.interfaces import Allocated, AllocationInput
 from rovtwin.vehicle.physics.actuation import RANK_TOLERANCE, pushed_axes, wrench_limits
@@ -30,10 +31,10 @@ ROUNDING = 1e-6  # of the largest force
 
 
 class AllocationMemory(eqx.Module):
-    """Forces of the last tick before health [N], shape (n,) each: as solved, and as sent (zero near standstill)."""
+    """Forces of the last tick before health [N]: as solved, and as sent (zero near standstill)."""
 
-    solved: Array
-    sent: Array
+    solved: PerThruster
+    sent: PerThruster
 
 
 class PriorityAllocation(Block):
@@ -41,28 +42,28 @@ class PriorityAllocation(Block):
 
     Attributes:
         thrusters: As the autopilot's model has them; their health is not used, the input's is.
-        lowest: Least force of each sound thruster [N], shape (n,).
-        highest: Greatest force of each sound thruster [N], shape (n,).
-        least_wrench: Least wrench of each axis alone [N, N m], shape (6,); tau is cut to it.
-        greatest_wrench: Greatest, shape (6,).
-        weight: Diagonal of W [1/N, 1/(N m)], shape (6,); zero along an axis that thrusters cannot
+        lowest: Least force of each sound thruster [N].
+        highest: Greatest force of each sound thruster [N].
+        least_wrench: Least wrench of each axis alone [N, N m]; tau is cut to it.
+        greatest_wrench: Greatest.
+        weight: Diagonal of W [1/N, 1/(N m)]; zero along an axis that thrusters cannot
             push: what surge makes in pitch must not keep it from pushing.
-        slew: Largest rate of the commanded force [N/s], shape (n,); inf is none.
-        start: Share of its largest force from which a thruster at rest turns, shape ().
-        stop: Share below which a turning one stops, shape ().
-        preferred: Shares of the largest forces to which unneeded freedom goes, shape (n,).
+        slew: Largest rate of the commanded force [N/s]; inf is none.
+        start: Share of its largest force from which a thruster at rest turns.
+        stop: Share below which a turning one stops.
+        preferred: Shares of the largest forces to which unneeded freedom goes.
     """
 
     thrusters: Thrusters
-    lowest: Array
-    highest: Array
-    least_wrench: Array
-    greatest_wrench: Array
-    weight: Array
-    slew: Array
-    start: Array
-    stop: Array
-    preferred: Array
+    lowest: PerThruster
+    highest: PerThruster
+    least_wrench: Vector6
+    greatest_wrench: Vector6
+    weight: Vector6
+    slew: PerThruster
+    start: Scalar
+    stop: Scalar
+    preferred: PerThruster
 
     @classmethod
     def of(
@@ -80,10 +81,10 @@ class PriorityAllocation(Block):
             model: Its thrusters are used.
             ranks: Of X, Y, Z, K, M, N: the greater goes first; neighbours should not differ by more than one, and the
                 whole range by no more than two (rounding).
-            slew: Largest rate of the commanded force [N/s], scalar or shape (n,); None is the thrusters' own limit.
+            slew: Largest rate of the commanded force [N/s], one or one for each; None is the thrusters' own limit.
             start: Share of its largest force from which a thruster at rest turns.
             stop: Share below which it stops, at most `start`.
-            preferred: Shares of the largest forces to which unneeded freedom goes, scalar or shape (n,).
+            preferred: Shares of the largest forces to which unneeded freedom goes, one or one for each.
         """
         if not 0.0 <= stop <= start < 1.0:
             raise ValueError(f"stop is {stop!r} and start {start!r}, expected 0 <= stop <= start < 1")
@@ -106,7 +107,7 @@ class PriorityAllocation(Block):
             preferred=as_array(np.broadcast_to(preferred, thrusters.count)),
         )
 
-    def init(self, key: Array, start: Start) -> AllocationMemory:
+    def init(self, key: PRNGKey, start: Start) -> AllocationMemory:
         rest = jnp.zeros(self.thrusters.count)
         return AllocationMemory(rest, rest)
 
@@ -125,8 +126,10 @@ class PriorityAllocation(Block):
         allocated = Allocated(command, made, input.tau - made, missing, limited)
         return AllocationMemory(solved, sent), allocated
 
-    def _solve(self, T: Array, tau: Array, weight: Array, lower: Array, upper: Array) -> Array:
-        """The best forces [N], shape (n,)."""
+    def _solve(
+        self, T: Configuration, tau: Vector6, weight: Vector6, lower: PerThruster, upper: PerThruster
+    ) -> PerThruster:
+        """The best forces [N]."""
         largest = largest_force(self.lowest, self.highest)
         A = weight[:, None] * T * largest
         # Beyond what an axis can do at all, asking for more must not weigh more against the others.
@@ -137,8 +140,8 @@ class PriorityAllocation(Block):
         first = box_least_squares(A, b, *bounds, self.preferred, DAMPING)
         return box_least_squares(A, b, *bounds, first, DAMPING) * largest
 
-    def _away_from_standstill(self, force: Array, sent: Array) -> Array:
-        """Forces with those near zero left out, shape (n,), with hysteresis.
+    def _away_from_standstill(self, force: PerThruster, sent: PerThruster) -> PerThruster:
+        """Forces with those near zero left out, with hysteresis.
 
         Each change of sign sends the command across the dead band, from -u_0 to u_0 at once: about zero force the
         noise of the estimate would do that every few ticks. So a thruster rests until some force is asked of it, and
@@ -149,14 +152,14 @@ class PriorityAllocation(Block):
         return jnp.where(jnp.abs(force) >= least, force, 0.0)
 
 
-def largest_force(lowest: Array, highest: Array) -> Array:
-    """Size of the largest force of each thruster [N], shape (n,); 1 for one without any, which divides safely."""
+def largest_force(lowest: PerThruster, highest: PerThruster) -> PerThruster:
+    """Size of the largest force of each thruster [N]; 1 for one without any, which divides safely."""
     largest = jnp.maximum(highest, -lowest)
     return jnp.where(largest > 0.0, largest, 1.0)
 
 
-def row_weights(lower: Array, upper: Array) -> Array:
-    """One over the largest wrench of each axis, shape (6,); zero where there is none but noise of the geometry."""
+def row_weights(lower: Vector6, upper: Vector6) -> Vector6:
+    """One over the largest wrench of each axis; zero where there is none but noise of the geometry."""
     largest = jnp.maximum(upper, -lower)
     some = largest > RANK_TOLERANCE * jnp.max(largest)
     return jnp.where(some, 1.0 / jnp.where(some, largest, 1.0), 0.0)

@@ -11,9 +11,11 @@ allocation, which knows them all, has the last word.
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool
 from scipy.optimize import linprog
 
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Vector6
 from rovtwin.gnc.scales import HEAVE
 from rovtwin.vehicle.physics.actuation import axis_limits, pushed_axes
 from rovtwin.vehicle.physics.model import Model
@@ -27,14 +29,14 @@ class SharedThrust(eqx.Module):
     """Limits of heave, roll and pitch.
 
     Attributes:
-        lower, upper: Lowest and highest wrench along each axis alone [N, N m], shape (6,); roll and pitch are moments
+        lower, upper: Lowest and highest wrench along each axis alone [N, N m]; roll and pitch are moments
             without a force in surge and sway.
-        shared: Whether roll and pitch have the thrusters of heave, shape (2,), bool.
+        shared: Whether roll and pitch have the thrusters of heave.
     """
 
-    lower: Array = eqx.field(converter=as_array)
-    upper: Array = eqx.field(converter=as_array)
-    shared: Array
+    lower: Vector6 = eqx.field(converter=as_array)
+    upper: Vector6 = eqx.field(converter=as_array)
+    shared: Bool[Array, "2"]
 
     @classmethod
     def of(cls, model: Model) -> "SharedThrust":
@@ -52,12 +54,12 @@ class SharedThrust(eqx.Module):
         return cls(lower, upper, jnp.asarray(shared))
 
     @property
-    def largest(self) -> Array:
-        """Of each axis, the larger way [N, N m], shape (6,)."""
+    def largest(self) -> Vector6:
+        """Of each axis, the larger way [N, N m]."""
         return jnp.maximum(self.upper, -self.lower)
 
-    def cut(self, desired: Array) -> Array:
-        """The wrench that may be asked for, b at CO, shape (6,): within the limits, and roll and pitch beside heave."""
+    def cut(self, desired: Vector6) -> Vector6:
+        """The wrench that may be asked for, b at CO: within the limits, and roll and pitch beside heave."""
         tau = jnp.clip(desired, self.lower, self.upper)
         limit = jnp.where(tau >= 0.0, self.upper, -self.lower)
         share = jnp.abs(tau) / jnp.where(limit > 0.0, limit, 1.0)

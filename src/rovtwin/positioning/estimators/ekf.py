@@ -18,11 +18,13 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Flag, Index, Matrix6, PRNGKey, Quaternion, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.positioning.estimators.ekf_steps import (
     EMPTY,
     NOBODY,
@@ -55,43 +57,43 @@ class SlamMemory(eqx.Module):
     """Memory of the filter: its state, and for how many frames in a row nothing of the map was where it should be."""
 
     state: State
-    lost: Array
+    lost: Index
 
 
 class SlamOutput(eqx.Module):
     """The filter's estimate after a frame.
 
     Attributes:
-        position: CO in n [m], shape (3,).
-        velocity: Its velocity in n [m/s], shape (3,).
-        covariance: Of both, shape (6, 6).
-        attitude: Quaternion R_nb with the estimated error taken out, shape (4,).
-        offset: Of the measured attitude [rad], axes of n, shape (3,).
-        offset_std: Its standard deviation [rad], shape (3,).
-        ids: Of the map, shape (capacity,); -1 is a free place.
-        marker_position: In n [m], shape (capacity, 3).
-        marker_attitude: Quaternions R_nm, shape (capacity, 4).
-        marker_variance: Of its shift [m2] and turn [rad2], shape (capacity, 6).
-        status: What became of each slot, an index of `ekf_steps.STATUS`, shape (slots,).
-        nis: Squared normalised innovation of each slot that was used, 8 degrees of freedom, shape (slots,).
-        moved: Markers taken out of the map in this frame because they contradicted the others, shape (capacity,).
-        afresh: Whether the position was taken afresh, as at the start or after losing it, bool.
+        position: CO in n [m].
+        velocity: Its velocity in n [m/s].
+        covariance: Of both.
+        attitude: Quaternion R_nb with the estimated error taken out.
+        offset: Of the measured attitude [rad], axes of n.
+        offset_std: Its standard deviation [rad].
+        ids: Of the map; -1 is a free place.
+        marker_position: In n [m].
+        marker_attitude: Quaternions R_nm.
+        marker_variance: Of its shift [m2] and turn [rad2].
+        status: What became of each slot, an index of `ekf_steps.STATUS`.
+        nis: Squared normalised innovation of each slot that was used, 8 degrees of freedom.
+        moved: Markers taken out of the map in this frame because they contradicted the others.
+        afresh: Whether the position was taken afresh, as at the start or after losing it.
     """
 
-    position: Array
-    velocity: Array
-    covariance: Array
-    attitude: Array
-    offset: Array
-    offset_std: Array
-    ids: Array
-    marker_position: Array
-    marker_attitude: Array
-    marker_variance: Array
-    status: Array
-    nis: Array
-    moved: Array
-    afresh: Array
+    position: Vector3
+    velocity: Vector3
+    covariance: Matrix6
+    attitude: Quaternion
+    offset: Vector3
+    offset_std: Vector3
+    ids: Int[Array, " capacity"]
+    marker_position: Float[Array, "capacity 3"]
+    marker_attitude: Float[Array, "capacity 4"]
+    marker_variance: Float[Array, "capacity 6"]
+    status: Int[Array, " slots"]
+    nis: Float[Array, " slots"]
+    moved: Bool[Array, " capacity"]
+    afresh: Flag
 
 
 class MarkerEkf(Block):
@@ -107,9 +109,9 @@ class MarkerEkf(Block):
 
     eyes: Eyes
     tuning: SlamTuning
-    sizes: Array
+    sizes: Float[Array, " ids"]
     layout: MarkerMap
-    layout_variance: Array
+    layout_variance: Vector6
 
     @classmethod
     def of(
@@ -119,7 +121,7 @@ class MarkerEkf(Block):
         layout: Layout | None = None,
         capacity: int = 8,
         layout_std: tuple[float, float] = (0.0, 0.0),
-        sizes: Array | None = None,
+        sizes: Float[Array, " ids"] | None = None,
     ) -> "MarkerEkf":
         """For these cameras.
 
@@ -146,7 +148,7 @@ class MarkerEkf(Block):
         chosen = tuning or SlamTuning.of(start_position=10.0 if markers else 0.0)
         return cls(Eyes.of(cameras), chosen, sizes, known, variance)
 
-    def init(self, key: Array, start: Start) -> SlamMemory:
+    def init(self, key: PRNGKey, start: Start) -> SlamMemory:
         """At the start pose, as sure of it as the tuning says; `key` is not used."""
         tuning, capacity = self.tuning, self.layout.ids.shape[0]
         vehicle = jnp.concatenate(
@@ -165,7 +167,7 @@ class MarkerEkf(Block):
         state = State(x, jnp.diag(jnp.concatenate([vehicle, markers])), self.layout)
         return SlamMemory(state, jnp.zeros((), dtype=int) * capacity)
 
-    def step(self, memory: SlamMemory, input: SightInput, dt: float) -> tuple[SlamMemory, SlamOutput]:
+    def step(self, memory: SlamMemory, input: SightInput, dt: ScalarLike) -> tuple[SlamMemory, SlamOutput]:
         """Predict over dt to the frame's time, then take in what it shows."""
         tuning, slots = self.tuning, input.sightings
         given = Given(tuning, self.eyes, self.sizes, rotation_from_quaternion(input.attitude))
@@ -186,12 +188,12 @@ class MarkerEkf(Block):
         lost = jnp.where(afresh, 0, lost).astype(memory.lost.dtype)
         return SlamMemory(state, lost), self._output(given, state, status, nis, moved, afresh)
 
-    def _wide(self, state: State) -> Array:
+    def _wide(self, state: State) -> Flag:
         return (jnp.diagonal(state.P)[POSITION] > self.tuning.wide**2).any()
 
     def _corrected(
-        self, given: Given, state: State, slots, chosen: Vote, unsure: Array
-    ) -> tuple[State, tuple[Array, Array]]:
+        self, given: Given, state: State, slots, chosen: Vote, unsure: Flag
+    ) -> tuple[State, tuple[Int[Array, " slots"], Float[Array, " slots"]]]:
         """Takes in the slots: first those that bear each other out, then the rest by what is known after that.
 
         Of several prints of one id in one image the one that fits is used, if it is the only one; none as long as the
@@ -203,7 +205,7 @@ class MarkerEkf(Block):
         waiting = known & ~slots.single & unsure
         rest = known & ~first & ~waiting
 
-        def others(state: State) -> tuple[State, tuple[Array, Array]]:
+        def others(state: State) -> tuple[State, tuple[Int[Array, " slots"], Float[Array, " slots"]]]:
             statuses, _ = jax.vmap(lambda slot: update(given, state, slot)[1])(slots)
             fits = rest & (statuses == USED)
             same = (slots.ids[:, None] == slots.ids) & (slots.camera[:, None] == slots.camera)
@@ -216,23 +218,29 @@ class MarkerEkf(Block):
         status = jnp.where(waiting, WAITING, jnp.where(rest, late, status))
         return state, (status, jnp.where(rest, late_nis, nis))
 
-    def _in_turn(self, given: Given, state: State, slots, chosen: Array) -> tuple[State, tuple[Array, Array]]:
+    def _in_turn(
+        self, given: Given, state: State, slots, chosen: Bool[Array, " slots"]
+    ) -> tuple[State, tuple[Int[Array, " slots"], Float[Array, " slots"]]]:
         nothing = jnp.asarray(EMPTY), jnp.zeros(())
 
-        def one(state: State, item) -> tuple[State, tuple[Array, Array]]:
+        def one(state: State, item) -> tuple[State, tuple[Index, Scalar]]:
             slot, take = item
             return jax.lax.cond(take, lambda s: update(given, s, slot), lambda s: (s, nothing), state)
 
         return jax.lax.scan(one, state, (slots, chosen))
 
-    def _word(self, state: State, slots, status: Array) -> tuple[Array, Array]:
-        """Which markers of the map fit, and which contradict, shape (capacity,); one of several prints says nothing."""
+    def _word(
+        self, state: State, slots, status: Int[Array, " slots"]
+    ) -> tuple[Bool[Array, " capacity"], Bool[Array, " capacity"]]:
+        """Which markers of the map fit, and which contradict; one of several prints says nothing."""
         same = state.map.ids[:, None] == jnp.where(slots.valid, slots.ids, NOBODY - 1)
         fits = (same & (status == USED)).any(axis=1)
         return fits, (same & slots.single & (status == REJECTED)).any(axis=1) & ~fits
 
-    def _contradictions(self, state: State, fits: Array, against: Array) -> tuple[State, Array]:
-        """Counts who contradicts a majority, and takes out who does so for too long; shape (capacity,), bool.
+    def _contradictions(
+        self, state: State, fits: Bool[Array, " capacity"], against: Bool[Array, " capacity"]
+    ) -> tuple[State, Bool[Array, " capacity"]]:
+        """Counts who contradicts a majority, and takes out who does so for too long.
 
         Somebody measured the places of the layout: one marker alone does not contradict them.
         """
@@ -243,8 +251,10 @@ class MarkerEkf(Block):
         counted = MarkerMap(state.map.ids, state.map.position, state.map.R_nm, counts)
         return forget(State(state.x, state.P, counted), gone), gone
 
-    def _new_markers(self, given: Given, state: State, slots, status: Array, sure: Array) -> tuple[State, Array]:
-        def one(state: State, item) -> tuple[State, Array]:
+    def _new_markers(
+        self, given: Given, state: State, slots, status: Int[Array, " slots"], sure: Flag
+    ) -> tuple[State, Int[Array, " slots"]]:
+        def one(state: State, item) -> tuple[State, Index]:
             slot, status = item
             _, known = state.map.find(slot.ids)
             unknown = slot.valid & ~known & (status == EMPTY)
@@ -256,7 +266,15 @@ class MarkerEkf(Block):
 
         return jax.lax.scan(one, state, (slots, status))
 
-    def _output(self, given: Given, state: State, status: Array, nis: Array, moved: Array, afresh: Array) -> SlamOutput:
+    def _output(
+        self,
+        given: Given,
+        state: State,
+        status: Int[Array, " slots"],
+        nis: Float[Array, " slots"],
+        moved: Bool[Array, " capacity"],
+        afresh: Flag,
+    ) -> SlamOutput:
         both = slice(POSITION.start, VELOCITY.stop)
         return SlamOutput(
             position=state.x[POSITION],

@@ -5,9 +5,11 @@ each marker its shift e and turn f (6).
 """
 
 import equinox as eqx
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.frames import skew
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Flag, Index, Matrix3, Scalar, Vector3
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
 from rovtwin.positioning.estimators.motion import process_noise, transition
 from rovtwin.positioning.images.camera_model import CORNERS, Eyes, rotation, see
@@ -27,45 +29,45 @@ class MarkerMap(eqx.Module):
     """The markers of a map, of fixed capacity.
 
     Attributes:
-        ids: Shape (capacity,), int; NOBODY where a place is free.
-        position: In n [m], shape (capacity, 3).
-        R_nm: Map m to n, shape (capacity, 3, 3).
-        contradicted: Frames in a row in which each did not fit what others said, shape (capacity,), int.
+        ids: Of each; NOBODY where a place is free.
+        position: In n [m].
+        R_nm: Map m to n.
+        contradicted: Frames in a row in which each did not fit what others said.
     """
 
-    ids: Array
-    position: Array
-    R_nm: Array
-    contradicted: Array
+    ids: Int[Array, " capacity"]
+    position: Float[Array, "capacity 3"]
+    R_nm: Float[Array, "capacity 3 3"]
+    contradicted: Int[Array, " capacity"]
 
-    def find(self, number: Array) -> tuple[Array, Array]:
+    def find(self, number: Index) -> tuple[Index, Flag]:
         """Place of a marker by its id, and whether it is in the map."""
         same = self.ids == number
         return jnp.argmax(same), same.any()
 
 
 class State(eqx.Module):
-    """What the filter knows: x, shape (15,), the map, and P, shape (15 + 6 capacity,) squared."""
+    """What the filter knows: x, the covariance P of its errors and the map's, the map."""
 
-    x: Array
-    P: Array
+    x: Float[Array, "15"]
+    P: Float[Array, "n n"]
     map: MarkerMap
 
 
 class Given(eqx.Module):
-    """What holds for all steps of a frame: tuning, cameras, sizes of markers by id, measured attitude (3, 3)."""
+    """What holds for all steps of a frame: tuning, cameras, sizes of markers by id, measured attitude."""
 
     tuning: SlamTuning
     eyes: Eyes
-    sizes: Array
-    R_meas: Array
+    sizes: Float[Array, " ids"]
+    R_meas: Matrix3
 
-    def attitude(self, x: Array) -> Array:
-        """R_nb of a state, shape (3, 3)."""
+    def attitude(self, x: Float[Array, "15"]) -> Matrix3:
+        """R_nb of a state."""
         return rotation(x[OFFSET]) @ self.R_meas @ rotation(x[NOISE])
 
 
-def predict(tuning: SlamTuning, state: State, dt: Array) -> State:
+def predict(tuning: SlamTuning, state: State, dt: Scalar) -> State:
     """To the next frame; the attitude's noise is drawn afresh."""
     F, Q = transition(dt, tuning.correlation), process_noise(dt, tuning.correlation)
     moving = state.x[:9].reshape(3, 3)
@@ -80,18 +82,20 @@ def predict(tuning: SlamTuning, state: State, dt: Array) -> State:
     return State(x, P.at[NOISE, NOISE].set(jnp.diag(tuning.attitude**2)), state.map)
 
 
-def _moved(F: Array, P: Array) -> Array:
-    """The rows of the vehicle's motion multiplied by F on each axis, shape (n, n)."""
+def _moved(F: Matrix3, P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The rows of the vehicle's motion multiplied by F on each axis."""
     rows = (F[:, :, None, None] * P[:9].reshape(1, 3, 3, -1)).sum(axis=1)
     return jnp.concatenate([rows.reshape(9, -1), P[9:]])
 
 
-def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Array, Array]]:
+def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Index, Scalar]]:
     """Takes in one slot's corners if its marker is in the map; its status and squared normalised innovation (8)."""
     place, known = state.map.find(slot.ids)
     n = state.P.shape[0]
 
-    def again(_: int, step: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+    def again(
+        _: Index, step: tuple[Float[Array, " n"], Float[Array, "8"], Float[Array, "8 m"], Flag]
+    ) -> tuple[Float[Array, " n"], Float[Array, "8"], Float[Array, "8 m"], Flag]:
         pivots, rows, visible = _innovation(given, state, slot, place, step[0])
         return (rows[:, :1] * rows[:, 1:] / pivots[:, None]).sum(axis=0), pivots, rows, step[3] & visible
 
@@ -112,10 +116,12 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Ar
     return State(state.x + dx[:VEHICLE], P, moved), (status, jnp.where(fits, nis, 0.0))
 
 
-def _innovation(given: Given, state: State, slot: Sightings, place: Array, dx: Array) -> tuple[Array, Array, Array]:
+def _innovation(
+    given: Given, state: State, slot: Sightings, place: Index, dx: Float[Array, " n"]
+) -> tuple[Float[Array, "8"], Float[Array, "8 m"], Flag]:
     """What a slot's corners say about the state, linear about state + dx.
 
-    With the innovation's covariance S = L diag(pivots) L': pivots (8,), L^-1 [innovation, H P], shape (8, 1 + n), and
+    With the innovation's covariance S = L diag(pivots) L': pivots, L^-1 [innovation, H P], and
     whether the marker is before the camera.
     """
     begin = VEHICLE + 6 * place
@@ -137,7 +143,7 @@ def _innovation(given: Given, state: State, slot: Sightings, place: Array, dx: A
     return *_eliminate(S + variance * jnp.eye(8), jnp.concatenate([e[:, None], HP], axis=1)), seen.visible
 
 
-def _bend(corners: Array, turn: Array) -> Array:
+def _bend(corners: Float[Array, "8"], turn: Matrix3) -> Scalar:
     """Variance of what a tilt that is uncertain does to corners beyond its linear part [px2].
 
     A side of L pixels tilted by f is shorter by L f^2 / 2, each of its ends is off by half of that.
@@ -146,7 +152,7 @@ def _bend(corners: Array, turn: Array) -> Array:
     return (jnp.max((sides**2).sum(axis=1)) / 16.0) * (turn[0, 0] + turn[1, 1]) ** 2
 
 
-def add_marker(given: Given, state: State, slot: Sightings, chosen: Array) -> tuple[State, Array]:
+def add_marker(given: Given, state: State, slot: Sightings, chosen: Flag) -> tuple[State, Index]:
     """Puts a slot's marker on the first free place of the map if `chosen`; status of the slot."""
     free = state.map.ids == NOBODY
     place, room = jnp.argmax(free), free.any()
@@ -189,17 +195,17 @@ class Vote(eqx.Module):
 
     Attributes:
         slot: The one that most markers of the map agree with, a scalar; it is the only one of its id in its image.
-        there: Whether there is such a slot, bool.
-        agree: Slots of the map that put the vehicle where that one does, shape (slots,), bool.
-        position: Where that is, n [m], shape (3,).
+        there: Whether there is such a slot.
+        agree: Slots of the map that put the vehicle where that one does.
+        position: Where that is, n [m].
         std: How well a single marker tells it [m].
     """
 
-    slot: Array
-    there: Array
-    agree: Array
-    position: Array
-    std: Array
+    slot: Index
+    there: Flag
+    agree: Bool[Array, " slots"]
+    position: Vector3
+    std: Scalar
 
 
 def vote(given: Given, state: State, slots: Sightings) -> Vote:
@@ -237,15 +243,15 @@ def take_position(given: Given, state: State, chosen: Vote) -> State:
     return State(x, P, state.map)
 
 
-def forget(state: State, gone: Array) -> State:
-    """Takes markers out of the map; gone: shape (capacity,), bool."""
+def forget(state: State, gone: Bool[Array, " capacity"]) -> State:
+    """Takes markers that are gone out of the map."""
     kept = jnp.concatenate([jnp.ones(VEHICLE), jnp.repeat(jnp.where(gone, 0.0, 1.0), 6)])
     ids = jnp.where(gone, NOBODY, state.map.ids)
     counts = jnp.where(gone, 0, state.map.contradicted)
     return State(state.x, state.P * kept[:, None] * kept, MarkerMap(ids, state.map.position, state.map.R_nm, counts))
 
 
-def deviation(variance: Array) -> Array:
+def deviation(variance: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
     """Standard deviation of a variance, any shape; zero of one that is not positive."""
     # A root's slope at zero is infinite, which spoils gradients even where it is not used; an offset of the attitude
     # that is known exactly stays at zero variance.
@@ -253,13 +259,13 @@ def deviation(variance: Array) -> Array:
     return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, variance)))
 
 
-def _times(a: Array, b: Array) -> Array:
+def _times(a: Float[Array, "m n"], b: Float[Array, "n p"]) -> Float[Array, "m p"]:
     """Matrix product of small matrices; inside a loop the library's is slower to start than to compute."""
     return (a[:, :, None] * b[None]).sum(axis=1)
 
 
-def _eliminate(S: Array, rows: Array) -> tuple[Array, Array]:
-    """Pivots (k,) and rows (k, m) of L^-1 B for S = L diag(pivots) L', S of shape (k, k), B (k, m)."""
+def _eliminate(S: Float[Array, "k k"], rows: Float[Array, "k m"]) -> tuple[Float[Array, " k"], Float[Array, "k m"]]:
+    """Pivots and rows of L^-1 B for S = L diag(pivots) L'."""
     pivots = []
     for k in range(S.shape[0]):
         pivots.append(S[k, k])

@@ -2,7 +2,8 @@
 
 import equinox as eqx
 
-from rovtwin.core.numerics import Array, as_array
+from rovtwin.core.numerics import as_array
+from rovtwin.core.types import Index, Scalar, Vector3
 
 
 class SlamTuning(eqx.Module):
@@ -10,13 +11,13 @@ class SlamTuning(eqx.Module):
 
     Attributes:
         pixel: Of a corner, of whatever size its marker is: `detection` finds all alike [px].
-        attitude: Of one reading of roll, pitch and yaw, independent from frame to frame [rad], shape (3,).
-        acceleration: Of the vehicle, which is a first-order Gauss-Markov process [m/s2], shape (3,), axes of n.
+        attitude: Of one reading of roll, pitch and yaw, independent from frame to frame [rad].
+        acceleration: Of the vehicle, which is a first-order Gauss-Markov process [m/s2], axes of n.
         correlation: Its correlation time [s].
         start_position: Of the position at the start [m]; zero where no marker's place is known: the start is the frame.
         start_velocity: Of the velocity at the start [m/s].
-        offset: Of a constant offset of the attitude, axes of n [rad], shape (3,); zero keeps the attitude's north.
-        offset_walk: Its random walk [rad/sqrt(s)], shape (3,).
+        offset: Of a constant offset of the attitude, axes of n [rad]; zero keeps the attitude's north.
+        offset_walk: Its random walk [rad/sqrt(s)].
         tilt: Of a new marker's attitude, before its corners are looked at [rad].
         gate: Largest squared normalised innovation of eight coordinates that is accepted.
         patience: Frames in a row in which a marker may contradict the others before it is taken for moved, and in
@@ -24,18 +25,18 @@ class SlamTuning(eqx.Module):
         wide: Standard deviation of the position beyond which it is taken afresh from what is seen [m].
     """
 
-    pixel: Array
-    attitude: Array
-    acceleration: Array
-    correlation: Array
-    start_position: Array
-    start_velocity: Array
-    offset: Array
-    offset_walk: Array
-    tilt: Array
-    gate: Array
-    patience: Array
-    wide: Array
+    pixel: Scalar
+    attitude: Vector3
+    acceleration: Vector3
+    correlation: Scalar
+    start_position: Scalar
+    start_velocity: Scalar
+    offset: Vector3
+    offset_walk: Vector3
+    tilt: Scalar
+    gate: Scalar
+    patience: Index
+    wide: Scalar
 
     @classmethod
     def of(

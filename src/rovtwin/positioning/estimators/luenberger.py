@@ -14,10 +14,12 @@ Reference: Thesis ch. 6, table 6.1.
 from collections.abc import Sequence
 
 import equinox as eqx
+from jaxtyping import Float, Int
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Matrix3, PRNGKey, Scalar, ScalarLike, Vector3
 from rovtwin.positioning.images.camera_model import Eyes
 from rovtwin.positioning.images.observations import SightInput
 from rovtwin.vehicle.description.cameras import Camera
@@ -28,9 +30,9 @@ NOBODY = -1
 class Gains(eqx.Module):
     """Per step: position L_1, to be divided by the number of landmarks seen; velocity L_2 [1/s]; landmarks L_3."""
 
-    position: Array
-    velocity: Array
-    landmark: Array
+    position: Scalar
+    velocity: Scalar
+    landmark: Scalar
 
     @classmethod
     def thesis(cls) -> "Gains":
@@ -44,21 +46,21 @@ class Gains(eqx.Module):
 
 
 class LuenbergerMemory(eqx.Module):
-    """Position in n (3,), velocity (3,), ids of the landmarks (capacity,) and their places in n (capacity, 3)."""
+    """Position in n, velocity in b, ids of the landmarks and their places in n."""
 
-    position: Array
-    velocity: Array
-    ids: Array
-    landmarks: Array
+    position: Vector3
+    velocity: Vector3
+    ids: Int[Array, " capacity"]
+    landmarks: Float[Array, "capacity 3"]
 
 
 class LuenbergerOutput(eqx.Module):
-    """Position and velocity in n, shape (3,); ids and landmarks of the map."""
+    """Position and velocity in n; ids and landmarks of the map."""
 
-    position: Array
-    velocity: Array
-    ids: Array
-    landmarks: Array
+    position: Vector3
+    velocity: Vector3
+    ids: Int[Array, " capacity"]
+    landmarks: Float[Array, "capacity 3"]
 
 
 class MarkerLuenberger(Block):
@@ -81,12 +83,14 @@ class MarkerLuenberger(Block):
         """For these cameras; with the thesis's gains if none are given."""
         return cls(Eyes.of(cameras), gains or Gains.thesis(), **options)
 
-    def init(self, key: Array, start: Start) -> LuenbergerMemory:
+    def init(self, key: PRNGKey, start: Start) -> LuenbergerMemory:
         """At the start, with an empty map; `key` is not used."""
         ids = jnp.full(self.capacity, NOBODY)
         return LuenbergerMemory(start.position, start.velocity[:3], ids, jnp.zeros((self.capacity, 3)))
 
-    def step(self, memory: LuenbergerMemory, input: SightInput, dt: float) -> tuple[LuenbergerMemory, LuenbergerOutput]:
+    def step(
+        self, memory: LuenbergerMemory, input: SightInput, dt: ScalarLike
+    ) -> tuple[LuenbergerMemory, LuenbergerOutput]:
         """Predict over dt to the frame's time, then correct by the landmarks it shows."""
         R_nb, seen = rotation_from_quaternion(input.attitude), input.sightings
         turn = _about_down(R_nb)
@@ -111,10 +115,14 @@ class MarkerLuenberger(Block):
         after = LuenbergerMemory(position, velocity, ids, landmarks)
         return after, LuenbergerOutput(position, turn @ velocity, ids, landmarks)
 
-    def _with_new(self, ids: Array, landmarks: Array, seen, places: Array) -> tuple[Array, Array]:
-        """(6.3): what is seen for the first time goes where it is seen; places: shape (slots, 3)."""
+    def _with_new(
+        self, ids: Int[Array, " capacity"], landmarks: Float[Array, "capacity 3"], seen, places: Float[Array, "slots 3"]
+    ) -> tuple[Int[Array, " capacity"], Float[Array, "capacity 3"]]:
+        """(6.3): what is seen for the first time goes where it is seen."""
 
-        def one(table: tuple[Array, Array], item) -> tuple[tuple[Array, Array], None]:
+        def one(
+            table: tuple[Int[Array, " capacity"], Float[Array, "capacity 3"]], item
+        ) -> tuple[tuple[Int[Array, " capacity"], Float[Array, "capacity 3"]], None]:
             ids, landmarks = table
             valid, number, place = item
             free = ids == NOBODY
@@ -126,8 +134,8 @@ class MarkerLuenberger(Block):
         return ids, landmarks
 
 
-def _about_down(R_nb: Array) -> Array:
-    """The part of an attitude that turns about the vertical, shape (3, 3)."""
+def _about_down(R_nb: Matrix3) -> Matrix3:
+    """The part of an attitude that turns about the vertical."""
     length = jnp.hypot(R_nb[0, 0], R_nb[1, 0])
     c, s = R_nb[0, 0] / length, R_nb[1, 0] / length
     zero, one = jnp.zeros_like(c), jnp.ones_like(c)

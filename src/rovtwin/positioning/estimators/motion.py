@@ -6,13 +6,14 @@ Aerospace and Electronic Systems 6(4).
 
 import numpy as np
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import jnp
+from rovtwin.core.types import Matrix3, Scalar
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def transition(dt: Array, correlation: Array) -> Array:
-    """Of position, velocity and acceleration of one axis over dt [s], shape (3, 3)."""
+def transition(dt: Scalar, correlation: Scalar) -> Matrix3:
+    """Of position, velocity and acceleration of one axis over dt [s]."""
     s = dt / correlation
     fall, lost = jnp.exp(-s), -jnp.expm1(-s)
     one, zero = jnp.ones_like(s), jnp.zeros_like(s)
@@ -22,8 +23,8 @@ def transition(dt: Array, correlation: Array) -> Array:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def process_noise(dt: Array, correlation: Array) -> Array:
-    """Covariance that one axis gains over dt, for an acceleration of variance 1, shape (3, 3)."""
+def process_noise(dt: Scalar, correlation: Scalar) -> Matrix3:
+    """Covariance that one axis gains over dt, for an acceleration of variance 1."""
     total = jnp.zeros((3, 3))
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         column = transition(0.5 * dt * (1.0 + node), correlation)[:, 2]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.numerics import jax
@@ -36,18 +37,18 @@ class Association:
     A marker that was moved is two landmarks: one before, one after.
 
     Attributes:
-        landmark: Shape (n, slots); -1 where a slot is empty, or what is in it was not accepted.
-        ids: Id of each landmark, shape (landmarks,).
-        known: Place of each in the layout, or -1, shape (landmarks,).
-        position: As the filter left them [m], shape (landmarks, 3).
-        attitude: Quaternions R_nm, shape (landmarks, 4).
+        landmark: By its row; -1 where a slot is empty, or what is in it was not accepted.
+        ids: Id of each landmark.
+        known: Place of each in the layout, or -1.
+        position: As the filter left them [m].
+        attitude: Quaternions R_nm.
     """
 
-    landmark: np.ndarray
-    ids: np.ndarray
-    known: np.ndarray
-    position: np.ndarray
-    attitude: np.ndarray
+    landmark: Int[np.ndarray, "n slots"]
+    ids: Int[np.ndarray, " landmarks"]
+    known: Int[np.ndarray, " landmarks"]
+    position: Float[np.ndarray, "landmarks 3"]
+    attitude: Float[np.ndarray, "landmarks 4"]
 
 
 def associate(filter: MarkerEkf, frames: Frames, out: Outputs) -> Association:

@@ -4,8 +4,10 @@ What identification wants: readings whose errors have nothing to do with each ot
 """
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, Matrix6, Vector3, Vector6
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
 from rovtwin.positioning.images.camera_model import Eyes, rotation, see
 from rovtwin.positioning.images.observations import Frames, Sightings
@@ -18,14 +20,14 @@ _BLOCK = 64  # frames at a time, so that it is compiled once
 def fixes(
     eyes: Eyes,
     tuning: SlamTuning,
-    sizes: Array,
+    sizes: Float[Array, " ids"],
     frames: Frames,
-    R_meas: np.ndarray,
-    near: np.ndarray,
-    position: np.ndarray,
-    R_nm: np.ndarray,
-    used: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+    R_meas: Float[np.ndarray, "n 3 3"],
+    near: Float[np.ndarray, "n 3"],
+    position: Float[np.ndarray, "n slots 3"],
+    R_nm: Float[np.ndarray, "n slots 3 3"],
+    used: Bool[np.ndarray, "n slots"],
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """Fits to single frames.
 
     Args:
@@ -33,14 +35,14 @@ def fixes(
         tuning: Noise of corners and attitude.
         sizes: Sides of markers by id [m].
         frames: The recording.
-        R_meas: Measured attitude with its estimated offset taken out, shape (n, 3, 3).
-        near: Where the vehicle is, nearly [m], shape (n, 3).
-        position: Of the marker in each slot [m], shape (n, slots, 3).
-        R_nm: Its attitude, shape (n, slots, 3, 3).
-        used: Which slots to use, shape (n, slots), bool.
+        R_meas: Measured attitude with its estimated offset taken out.
+        near: Where the vehicle is, nearly [m].
+        position: Of the marker in each slot [m].
+        R_nm: Its attitude.
+        used: Which slots to use.
 
     Returns:
-        Positions of CO in n [m], shape (n, 3), and their standard deviations, (n, 3); NaN where no slot is used.
+        Positions of CO in n [m], and their standard deviations; NaN where no slot is used.
     """
     columns = (frames.sightings, R_meas, near, position, R_nm, used)
     parts = []
@@ -55,12 +57,19 @@ def fixes(
 
 
 @jax.jit
-def _fit(eyes: Eyes, tuning: SlamTuning, sizes: Array, *columns):
-    def one(slots: Sightings, R_meas: Array, near: Array, position: Array, R_nm: Array, used: Array):
+def _fit(eyes: Eyes, tuning: SlamTuning, sizes: Float[Array, " ids"], *columns):
+    def one(
+        slots: Sightings,
+        R_meas: Matrix3,
+        near: Vector3,
+        position: Float[Array, "slots 3"],
+        R_nm: Float[Array, "slots 3 3"],
+        used: Bool[Array, " slots"],
+    ):
         weight = jnp.where(used, tuning.pixel**-2, 0.0)
         prior = jnp.concatenate([jnp.full(3, _NOTHING), tuning.attitude**-2])
 
-        def again(_: int, guess: tuple[Array, Array]) -> tuple[Array, Array]:
+        def again(_: Index, guess: tuple[Vector6, Matrix6]) -> tuple[Vector6, Matrix6]:
             x, _P = guess  # position and noise of the attitude
             seen = jax.vmap(lambda c, p, R, i: see(eyes[c], x[:3], R_meas @ rotation(x[3:]), p, R, sizes[i]))(
                 slots.camera, position, R_nm, slots.ids

@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.extras import imported
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, Vector3
 from rovtwin.positioning.estimators.ekf import MarkerEkf
 from rovtwin.positioning.estimators.motion import process_noise, transition
 from rovtwin.positioning.estimators.run import Association, Outputs, associate
@@ -34,33 +36,33 @@ class Smoothed:
     """The estimate.
 
     Attributes:
-        position: CO in n [m], shape (n, 3).
-        velocity: In n [m/s], shape (n, 3).
-        acceleration: In n [m/s2], shape (n, 3).
-        covariance: Of position and velocity, shape (n, 6, 6).
-        attitude: Quaternions R_nb with the estimated error taken out, shape (n, 4).
-        offset: Of the measured attitude [rad], axes of n, shape (3,).
-        offset_std: Its standard deviation [rad], shape (3,).
-        ids: Of the landmarks, shape (landmarks,).
-        marker_position: In n [m], shape (landmarks, 3).
-        marker_attitude: Quaternions R_nm, shape (landmarks, 4).
-        marker_std: Of shift [m] and turn [rad], shape (landmarks, 6).
-        landmark: Which of the landmarks each slot showed, -1 where it is not used, shape (n, slots).
+        position: CO in n [m].
+        velocity: In n [m/s].
+        acceleration: In n [m/s2].
+        covariance: Of position and velocity.
+        attitude: Quaternions R_nb with the estimated error taken out.
+        offset: Of the measured attitude [rad], axes of n.
+        offset_std: Its standard deviation [rad].
+        ids: Of the landmarks.
+        marker_position: In n [m].
+        marker_attitude: Quaternions R_nm.
+        marker_std: Of shift [m] and turn [rad].
+        landmark: Which of the landmarks each slot showed, -1 where it is not used.
         pixel_rms: Of the residuals of their corners' coordinates [px].
     """
 
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    covariance: np.ndarray
-    attitude: np.ndarray
-    offset: np.ndarray
-    offset_std: np.ndarray
-    ids: np.ndarray
-    marker_position: np.ndarray
-    marker_attitude: np.ndarray
-    marker_std: np.ndarray
-    landmark: np.ndarray
+    position: Float[np.ndarray, "n 3"]
+    velocity: Float[np.ndarray, "n 3"]
+    acceleration: Float[np.ndarray, "n 3"]
+    covariance: Float[np.ndarray, "n 6 6"]
+    attitude: Float[np.ndarray, "n 4"]
+    offset: Float[np.ndarray, "3"]
+    offset_std: Float[np.ndarray, "3"]
+    ids: Int[np.ndarray, " landmarks"]
+    marker_position: Float[np.ndarray, "landmarks 3"]
+    marker_attitude: Float[np.ndarray, "landmarks 4"]
+    marker_std: Float[np.ndarray, "landmarks 6"]
+    landmark: Int[np.ndarray, "n slots"]
     pixel_rms: float
 
 
@@ -104,8 +106,12 @@ class _Graph:
     def key(self, landmark: int) -> int:
         return len(self.frames) + landmark
 
-    def linearised(self) -> tuple[np.ndarray, ...]:
-        """Residuals (n, 8) [px] and derivatives by vehicle (n, 8, 12), offset (n, 8, 3) and marker (n, 8, 6)."""
+    def linearised(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "n 8"], Float[np.ndarray, "n 8 12"], Float[np.ndarray, "n 8 3"], Float[np.ndarray, "n 8 6"]
+    ]:
+        """Residuals [px] and derivatives by vehicle, offset and marker."""
         seen, which = self.frames.sightings, self.map.landmark[self.k, self.slot]
         ids, camera = (np.asarray(a)[self.k, self.slot] for a in (seen.ids, seen.camera))
         corners = np.asarray(seen.corners)[self.k, self.slot]
@@ -118,7 +124,8 @@ class _Graph:
             parts.append(
                 [np.asarray(a)[:n] for a in _linear(self.filter.eyes, self.filter.sizes, self.offset, *padded)]
             )
-        return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+        e, by_vehicle, by_offset, by_marker = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return e, by_vehicle, by_offset, by_marker
 
     def solve(self) -> None:
         """Gauss-Newton until nothing moves; a step that makes it worse is halved."""
@@ -162,7 +169,7 @@ class _Graph:
             out.add(gtsam.JacobianFactor(*arguments, e, unit[len(e)]))
         return out
 
-    def _others(self) -> list[tuple[tuple[int, ...], tuple[np.ndarray, ...], np.ndarray]]:
+    def _others(self) -> list[tuple[tuple[int, ...], tuple[Float[np.ndarray, "_ _"], ...], Float[np.ndarray, " _"]]]:
         """Keys, whitened derivatives and residuals of all but sightings: motion, noise of attitude, known places."""
         tuning, n = self.filter.tuning, len(self.frames)
         out, noise = [], np.eye(_SIZE)[9:]
@@ -180,7 +187,7 @@ class _Graph:
         out.append(((self.key(len(self.p_nm)),), (W,), -W @ self.offset))
         return out + self._landmarks()
 
-    def _motion(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _motion(self, dt: float) -> tuple[Float[np.ndarray, "9 9"], Float[np.ndarray, "9 9"]]:
         """Transition of the nine states and the square root of the information of what is added."""
         tuning = self.filter.tuning
         long = as_array(dt)
@@ -188,7 +195,7 @@ class _Graph:
         whole = np.kron(Q, np.diag(np.asarray(tuning.acceleration) ** 2))
         return np.kron(F, np.eye(3)), np.linalg.inv(np.linalg.cholesky(whole))
 
-    def _beginning(self) -> tuple[tuple[int, ...], tuple[np.ndarray, ...], np.ndarray]:
+    def _beginning(self) -> tuple[tuple[int, ...], tuple[Float[np.ndarray, "9 12"], ...], Float[np.ndarray, "9"]]:
         tuning = self.filter.tuning
         place = float(tuning.start_position) if self.start is not None else 100.0
         std = np.repeat([max(place, _EXACT), float(tuning.start_velocity), 1.0], 3)
@@ -198,7 +205,7 @@ class _Graph:
             at[:3] = self.x[0, :3]
         return (0,), (np.eye(_SIZE)[:9] / std[:, None],), (at - self.x[0, :9]) / std
 
-    def _landmarks(self) -> list[tuple[tuple[int, ...], tuple[np.ndarray, ...], np.ndarray]]:
+    def _landmarks(self) -> list[tuple[tuple[int, ...], tuple[Float[np.ndarray, "6 6"], ...], Float[np.ndarray, "6"]]]:
         """Places that are known, and of all others next to nothing: a landmark left without sightings stays put."""
         out, exact = [], np.maximum(np.sqrt(np.asarray(self.filter.layout_variance)), _EXACT)
         for j, at in enumerate(self.map.known):
@@ -265,10 +272,20 @@ _turns = jax.jit(jax.vmap(rotation))
 
 
 @jax.jit
-def _linear(eyes: Eyes, sizes: Array, offset: Array, *columns: Array) -> tuple[Array, ...]:
+def _linear(
+    eyes: Eyes, sizes: Float[Array, " ids"], offset: Vector3, *columns: Array
+) -> tuple[Float[Array, "n 8"], Float[Array, "n 8 12"], Float[Array, "n 8 3"], Float[Array, "n 8 6"]]:
     """Residuals and derivatives of many sightings, each with the leading axis of the columns."""
 
-    def one(camera: Array, x: Array, R_meas: Array, p: Array, R: Array, number: Array, corners: Array):
+    def one(
+        camera: Index,
+        x: Float[Array, "12"],
+        R_meas: Matrix3,
+        p: Vector3,
+        R: Matrix3,
+        number: Index,
+        corners: Float[Array, "8"],
+    ):
         R_nb = rotation(offset) @ R_meas @ rotation(x[9:])
         seen = see(eyes[camera], x[:3], R_nb, p, R, sizes[number])
         by_vehicle = jnp.concatenate([seen.by_position, jnp.zeros((8, 6)), seen.by_noise], axis=1)

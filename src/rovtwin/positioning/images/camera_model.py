@@ -8,10 +8,12 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Flag, Index, Matrix3, Scalar, Vector3
 from rovtwin.vehicle.description.cameras import Camera
 from rovtwin.vehicle.physics.camera import Lens, Port, project
 
@@ -25,13 +27,13 @@ class Eyes(eqx.Module):
 
     Attributes:
         lens: All their parameters; `size` is that of the first.
-        position: Centres of projection in b [m], shape (cameras, 3).
-        R_bc: Map c to b, shape (cameras, 3, 3).
+        position: Centres of projection in b [m].
+        R_bc: Map c to b.
     """
 
     lens: Lens
-    position: Array
-    R_bc: Array
+    position: Float[Array, "cameras 3"]
+    R_bc: Float[Array, "cameras 3 3"]
 
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> "Eyes":
@@ -45,12 +47,12 @@ class Eyes(eqx.Module):
         lens = jax.tree.map(lambda *leaves: jnp.stack(leaves), *lenses)
         return cls(lens, as_array([c.position for c in cameras]), as_array([c.R_bc for c in cameras]))
 
-    def __getitem__(self, camera: Array) -> "Eyes":
+    def __getitem__(self, camera: Index | int) -> "Eyes":
         return jax.tree.map(lambda leaf: leaf[camera], self)
 
 
-def rotation(phi: Array) -> Array:
-    """exp of a rotation vector [rad], shapes (3,) -> (3, 3). Rodrigues; smooth at zero, as its derivatives are."""
+def rotation(phi: Vector3) -> Matrix3:
+    """exp of a rotation vector [rad]. Rodrigues; smooth at zero, as its derivatives are."""
     square = phi @ phi
     small = square < 1e-8
     angle = jnp.sqrt(jnp.where(small, 1.0, square))
@@ -64,31 +66,31 @@ class Seen(eqx.Module):
     """Corners of one marker as one camera should see them, and how that changes.
 
     Attributes:
-        pixels: Shape (8,): x and y of the four corners in turn.
-        by_position: Derivative by the vehicle's position [px/m], shape (8, 3).
-        by_offset: By the offset o of the attitude [px/rad], shape (8, 3).
-        by_noise: By its noise d, shape (8, 3).
-        by_marker: By the marker's e and f, shape (8, 6).
-        visible: Whether all corners are before the camera, bool.
+        pixels: x and y of the four corners in turn.
+        by_position: Derivative by the vehicle's position [px/m].
+        by_offset: By the offset o of the attitude [px/rad].
+        by_noise: By its noise d.
+        by_marker: By the marker's e and f.
+        visible: Whether all corners are before the camera.
     """
 
-    pixels: Array
-    by_position: Array
-    by_offset: Array
-    by_noise: Array
-    by_marker: Array
-    visible: Array
+    pixels: Float[Array, "8"]
+    by_position: Float[Array, "8 3"]
+    by_offset: Float[Array, "8 3"]
+    by_noise: Float[Array, "8 3"]
+    by_marker: Float[Array, "8 6"]
+    visible: Flag
 
 
-def see(eye: Eyes, p_nb: Array, R_nb: Array, p_nm: Array, R_nm: Array, size: Array) -> Seen:
+def see(eye: Eyes, p_nb: Vector3, R_nb: Matrix3, p_nm: Vector3, R_nm: Matrix3, size: Scalar) -> Seen:
     """What a camera sees of a marker.
 
     Args:
         eye: One camera (no leading axis).
-        p_nb: Position of the vehicle [m], shape (3,).
-        R_nb: Its attitude, shape (3, 3).
-        p_nm: Position of the marker [m], shape (3,).
-        R_nm: Its attitude, shape (3, 3).
+        p_nb: Position of the vehicle [m].
+        R_nb: Its attitude.
+        p_nm: Position of the marker [m].
+        R_nm: Its attitude.
         size: Side of the marker [m].
     """
     flat = size * jnp.asarray(CORNERS)
@@ -113,8 +115,8 @@ def see(eye: Eyes, p_nb: Array, R_nb: Array, p_nm: Array, R_nm: Array, size: Arr
     )
 
 
-def sizes_of(table: dict[int, float], count: int = 1000, default: float = DEFAULT_SIZE) -> Array:
-    """Side of each marker by its id [m], shape (count,)."""
+def sizes_of(table: dict[int, float], count: int = 1000, default: float = DEFAULT_SIZE) -> Float[Array, " {count}"]:
+    """Side of each marker by its id [m]."""
     sizes = np.full(count, default)
     for number, size in table.items():
         sizes[number] = size

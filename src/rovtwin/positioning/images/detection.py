@@ -15,10 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
 
 from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, Scalar, Vector3, Vector6
 from rovtwin.core.vision import opencv
 from rovtwin.positioning.images.camera_model import rotation
 from rovtwin.positioning.images.print_fit import fitted
@@ -43,21 +45,21 @@ class Detections:
     """Markers found in one image.
 
     Attributes:
-        ids: Shape (n,).
-        corners: As the lens shows them, distorted [px], shape (n, 4, 2); top left, top right, bottom right, bottom
+        ids: What is printed on each.
+        corners: As the lens shows them, distorted [px]; top left, top right, bottom right, bottom
             left of the upright print.
     """
 
-    ids: np.ndarray
-    corners: np.ndarray
+    ids: Int[np.ndarray, " n"]
+    corners: Float[np.ndarray, "n 4 2"]
 
     @classmethod
     def none(cls) -> "Detections":
         return cls(np.zeros(0, int), np.zeros((0, 4, 2)))
 
     @property
-    def duplicated(self) -> np.ndarray:
-        """Which of them share their id with another in the same image: a copy or a reflection; shape (n,), bool."""
+    def duplicated(self) -> Bool[np.ndarray, " n"]:
+        """Which of them share their id with another in the same image: a copy or a reflection."""
         return (self.ids[:, None] == self.ids).sum(axis=1) > 1
 
 
@@ -88,7 +90,7 @@ class Detector:
         self._dictionary = dictionary
         self._linear = np.round(255.0 * (np.arange(256) / 255.0) ** tone).astype(np.uint8)
 
-    def __call__(self, image: np.ndarray) -> Detections:
+    def __call__(self, image: UInt8[np.ndarray, "..."]) -> Detections:
         """Markers in an image, grey or RGB, uint8."""
         cv2 = opencv()
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -103,7 +105,9 @@ class Detector:
         exact = [self._refined(linear, number, one) for number, one in found]
         return Detections(np.array([number for number, _ in found]), np.array(exact, dtype=float))
 
-    def _overlooked(self, grey: np.ndarray, quads: list[np.ndarray], found: list[Any]) -> list[tuple[int, np.ndarray]]:
+    def _overlooked(
+        self, grey: UInt8[np.ndarray, "h w"], quads: list[np.ndarray], found: list[Any]
+    ) -> list[tuple[int, np.ndarray]]:
         """Markers among the large squares that OpenCV has not read.
 
         A black cell that stands alone in white is a square with a square in it once it is wider than the threshold's
@@ -118,7 +122,7 @@ class Detector:
                 more.append(read)
         return more
 
-    def _read(self, grey: np.ndarray, quad: np.ndarray) -> tuple[int, np.ndarray] | None:
+    def _read(self, grey: UInt8[np.ndarray, "h w"], quad: np.ndarray) -> tuple[int, np.ndarray] | None:
         """Id of the print in a square and its corners from the top left one of the print; None where it is no print."""
         cv2, wide, n = opencv(), 8, self._cells
         end = wide * n - 0.5
@@ -135,8 +139,8 @@ class Detector:
         known, number, turns = self._dictionary_cells.identify(bits[1:-1, 1:-1].astype(np.uint8), 0.0)
         return (int(number), np.roll(quad, turns, axis=0)) if known else None
 
-    def _refined(self, linear: np.ndarray, number: int, corners: np.ndarray) -> np.ndarray:
-        """Corners of one marker to a fraction of a pixel, shape (4, 2)."""
+    def _refined(self, linear: UInt8[np.ndarray, "h w"], number: int, corners: np.ndarray) -> np.ndarray:
+        """Corners of one marker to a fraction of a pixel."""
         cv2 = opencv()
         side = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min()
         half = int(np.clip(CORNER_SHARE * side / self._cells, 1, CORNER_WINDOW))
@@ -158,30 +162,30 @@ class Poses:
     how sure the first is.
 
     Attributes:
-        t_cm: Middle of the marker in c [m], shape (n, 2, 3).
-        R_cm: Map m to c, shape (n, 2, 3, 3).
-        error: rms distance of the four corners [px], shape (n, 2).
+        t_cm: Middle of the marker in c [m].
+        R_cm: Map m to c.
+        error: rms distance of the four corners [px].
     """
 
-    t_cm: np.ndarray
-    R_cm: np.ndarray
-    error: np.ndarray
+    t_cm: Float[np.ndarray, "n 2 3"]
+    R_cm: Float[np.ndarray, "n 2 3 3"]
+    error: Float[np.ndarray, "n 2"]
 
     @property
-    def ambiguity(self) -> np.ndarray:
-        """Error of the better solution over that of the other, shape (n,): near 1, it may be either."""
+    def ambiguity(self) -> Float[np.ndarray, " n"]:
+        """Error of the better solution over that of the other: near 1, it may be either."""
         return self.error[:, 0] / np.maximum(self.error[:, 1], 1e-12)
 
 
-def poses(lens: Lens, corners: np.ndarray, sizes: np.ndarray) -> Poses:
+def poses(lens: Lens, corners: Float[np.ndarray, "n 4 2"], sizes: Float[np.ndarray, " n"]) -> Poses:
     """Poses of markers from their corners.
 
     IPPE on undistorted corners gives two solutions; both are then fitted to the corners through lens and port.
 
     Args:
         lens: The camera's.
-        corners: [px], shape (n, 4, 2).
-        sizes: Sides of the markers [m], shape (n,).
+        corners: [px].
+        sizes: Sides of the markers [m].
     """
     n = len(corners)
     t, R, error = np.zeros((n, 2, 3)), np.zeros((n, 2, 3, 3)), np.zeros((n, 2))
@@ -197,7 +201,9 @@ def poses(lens: Lens, corners: np.ndarray, sizes: np.ndarray) -> Poses:
     return Poses(t, R, error)
 
 
-def _best_two(t: np.ndarray, R: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _best_two(
+    t: Float[np.ndarray, "n s 3"], R: Float[np.ndarray, "n s 3 3"], error: Float[np.ndarray, "n s"]
+) -> tuple[Float[np.ndarray, "n 2 3"], Float[np.ndarray, "n 2 3 3"], Float[np.ndarray, "n 2"]]:
     """The best of several fits, and the best that is another pose; none such has the error infinity."""
     rows, best = np.arange(len(t)), error.argmin(axis=1)
     same = np.einsum("nsij,nij->ns", R, R[rows, best]) > 1.0 + 2.0 * np.cos(_SAME)
@@ -207,14 +213,16 @@ def _best_two(t: np.ndarray, R: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
 
 
 @jax.jit
-def _straight(lens: Lens, pixels: Array) -> Array:
-    """Corners in units of the focal length without lens and, nearly, without port, shape (..., 2)."""
+def _straight(lens: Lens, pixels: Float[Array, "*axes 2"]) -> Float[Array, "*axes 2"]:
+    """Corners in units of the focal length without lens and, nearly, without port."""
     _, direction = ray(lens, pixels)
     return direction[..., :2] / direction[..., 2:]
 
 
-def _ippe(corners: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Three guesses for each marker: both solutions, and facing the camera; t_cm (n, 3, 3) and R_cm (n, 3, 3, 3).
+def _ippe(
+    corners: Float[np.ndarray, "n 4 2"], sizes: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3 3 3"]]:
+    """Three guesses for each marker: both solutions, and facing the camera; t_cm and R_cm.
 
     OpenCV's solutions are no numbers, or none at all, for a marker that faces the camera exactly.
     """
@@ -238,16 +246,22 @@ def _ippe(corners: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 @jax.jit
-def _fit(lens: Lens, pixels: Array, sizes: Array, t: Array, R: Array) -> tuple[Array, Array, Array]:
-    """Poses that fit the corners best, from guesses: t (n, 3, 3), R (n, 3, 3, 3), rms error [px] (n, 3)."""
+def _fit(
+    lens: Lens,
+    pixels: Float[Array, "n 4 2"],
+    sizes: Float[Array, " n"],
+    t: Float[Array, "n 3 3"],
+    R: Float[Array, "n 3 3 3"],
+) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3 3 3"], Float[Array, "n 3"]]:
+    """Poses that fit the corners best, from three guesses for each: t, R, rms error [px]."""
 
-    def one(corners: Array, size: Array, t: Array, R: Array) -> tuple[Array, Array, Array]:
+    def one(corners: Float[Array, "4 2"], size: Scalar, t: Vector3, R: Matrix3) -> tuple[Vector3, Matrix3, Scalar]:
         flat = size * jnp.asarray(CORNERS)
 
-        def residual(step: Array, t: Array, R: Array) -> Array:
+        def residual(step: Vector6, t: Vector3, R: Matrix3) -> Float[Array, "8"]:
             return (project(lens, flat @ (R @ rotation(step[3:])).T + t + step[:3]) - corners).reshape(8)
 
-        def newton(_: int, pose: tuple[Array, Array]) -> tuple[Array, Array]:
+        def newton(_: Index, pose: tuple[Vector3, Matrix3]) -> tuple[Vector3, Matrix3]:
             t, R = pose
             e, J = residual(jnp.zeros(6), t, R), pose_slope(lens, flat, t, R)
             step = -jnp.linalg.solve(J.T @ J + 1e-6 * jnp.diag(jnp.diagonal(J.T @ J)), J.T @ e)
@@ -261,7 +275,7 @@ def _fit(lens: Lens, pixels: Array, sizes: Array, t: Array, R: Array) -> tuple[A
     return jax.vmap(both)(pixels, sizes, t, R)
 
 
-def pose_slope(lens: Lens, flat: Array, t: Array, R: Array) -> Array:
-    """Derivative of the corners' pixels by shift (c) and turn (m) of a marker [px/m, px/rad], shape (8, 6)."""
+def pose_slope(lens: Lens, flat: Float[Array, "4 3"], t: Vector3, R: Matrix3) -> Float[Array, "8 6"]:
+    """Derivative of the corners' pixels by shift (c) and turn (m) of a marker [px/m, px/rad]."""
     slope = jax.vmap(jax.jacfwd(lambda p: project(lens, p)))(flat @ R.T + t)
     return jnp.concatenate([slope, -slope @ R @ jax.vmap(skew)(flat)], axis=-1).reshape(8, 6)

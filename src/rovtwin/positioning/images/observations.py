@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
-from rovtwin.core.numerics import Array, as_array, jax
+from rovtwin.core.numerics import as_array, jax
+from rovtwin.core.types import HostArray, Quaternion
 from rovtwin.positioning.images.detection import Detections, poses
 from rovtwin.vehicle.description.cameras import Camera
 
@@ -15,45 +17,48 @@ class Sightings(eqx.Module):
     """Markers seen at one instant, by all cameras; leading axis is the slot.
 
     Attributes:
-        valid: Whether the slot holds a marker, shape (slots,), bool.
-        ids: Shape (slots,), int.
-        camera: Which of the cameras saw it, shape (slots,), int.
-        corners: Distorted [px], shape (slots, 8): x and y of the four corners in turn.
-        t_cm: Its middle in c by the pose of the marker alone [m], shape (slots, 3).
-        R_cm: Maps m to c, shape (slots, 3, 3).
-        single: Whether no other marker in the image has that id, shape (slots,), bool.
-        clear: Whether the pose is the only one that fits, shape (slots,), bool.
+        valid: Whether the slot holds a marker.
+        ids: Of the marker in each.
+        camera: Which of the cameras saw it.
+        corners: Distorted [px]: x and y of the four corners in turn.
+        t_cm: Its middle in c by the pose of the marker alone [m].
+        R_cm: Maps m to c.
+        single: Whether no other marker in the image has that id.
+        clear: Whether the pose is the only one that fits.
     """
 
-    valid: Array
-    ids: Array
-    camera: Array
-    corners: Array
-    t_cm: Array
-    R_cm: Array
-    single: Array
-    clear: Array
+    valid: Bool[HostArray, " slots"]
+    ids: Int[HostArray, " slots"]
+    camera: Int[HostArray, " slots"]
+    corners: Float[HostArray, "slots 8"]
+    t_cm: Float[HostArray, "slots 3"]
+    R_cm: Float[HostArray, "slots 3 3"]
+    single: Bool[HostArray, " slots"]
+    clear: Bool[HostArray, " slots"]
 
 
 class SightInput(eqx.Module):
-    """One frame: what was seen, and the vehicle's attitude as its sensors say, quaternion R_nb, shape (4,)."""
+    """One frame: what was seen, and the vehicle's attitude as its sensors say, quaternion R_nb."""
 
     sightings: Sightings
-    attitude: Array
+    attitude: Quaternion
 
 
 CLEAR = 0.6  # a pose is clear when its error is at most this share of that of the other solution
 
 
 def sightings(
-    detections: Sequence[Detections], cameras: Sequence[Camera], sizes: np.ndarray, slots: int = 16
+    detections: Sequence[Detections],
+    cameras: Sequence[Camera],
+    sizes: Float[np.ndarray, " ids"],
+    slots: int = 16,
 ) -> Sightings:
     """Slots, on the host, of what was found in one image of each camera; of too many the largest are kept.
 
     Args:
         detections: Of each camera; `Detections.none()` where there is no image.
         cameras: In the same order.
-        sizes: Side of each marker by its id [m], shape (ids,).
+        sizes: Side of each marker by its id [m].
         slots: Their number.
     """
     rows = []
@@ -82,17 +87,17 @@ class Frames:
     """A whole recording as observers take it in, on the host.
 
     Attributes:
-        t: Times [s], increasing, shape (n,).
-        attitude: Quaternions R_nb as the sensors said at these times, shape (n, 4).
+        t: Times [s], increasing.
+        attitude: Quaternions R_nb as the sensors said at these times.
         sightings: With a leading axis n.
     """
 
-    t: np.ndarray
-    attitude: np.ndarray
+    t: Float[np.ndarray, " n"]
+    attitude: Float[np.ndarray, "n 4"]
     sightings: Sightings
 
     @classmethod
-    def of(cls, t: np.ndarray, attitude: np.ndarray, seen: Sequence[Sightings]) -> "Frames":
+    def of(cls, t: Float[np.ndarray, " n"], attitude: Float[np.ndarray, "n 4"], seen: Sequence[Sightings]) -> "Frames":
         """Of one `Sightings` for each time."""
         return cls(t, attitude, jax.tree.map(lambda *leaves: np.stack(leaves), *seen))
 
@@ -104,6 +109,6 @@ class Frames:
         return SightInput(jax.tree.map(lambda leaf: leaf[k], self.sightings), as_array(self.attitude[k]))
 
     @property
-    def dt(self) -> np.ndarray:
-        """From the frame before [s], shape (n,); zero for the first."""
+    def dt(self) -> Float[np.ndarray, " n"]:
+        """From the frame before [s]; zero for the first."""
         return np.diff(self.t, prepend=self.t[:1])

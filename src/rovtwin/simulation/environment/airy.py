@@ -29,11 +29,13 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, PRNGKey, Scalar, ScalarLike, Vector3
 from rovtwin.simulation.checks import require_finite, require_not_negative, require_positive, require_shape
 from rovtwin.simulation.environment.current import Flow
 from rovtwin.simulation.environment.sea import SeaState, components, wavenumber
@@ -50,46 +52,46 @@ _COSINE = tuple((-1.0) ** n / math.factorial(2 * n) for n in range(12))
 
 
 class AiryMemory(eqx.Module):
-    """Phase of each component at time zero [rad], shape (n,); steps since then."""
+    """Phase of each component at time zero [rad]; steps since then."""
 
-    phase: Array
-    steps: Array
+    phase: Float[Array, " n"]
+    steps: Index
 
 
 class Water(eqx.Module):
     """The moving water at a place, in n.
 
     Attributes:
-        velocity: [m/s], shape (3,).
-        rate: Of the velocity at that place [m/s2], shape (3,).
-        gradient: d v_i / d x_j [1/s], shape (3, 3).
+        velocity: [m/s].
+        rate: Of the velocity at that place [m/s2].
+        gradient: d v_i / d x_j [1/s].
         elevation: Of the surface above, positive up [m].
         head: Dynamic pressure as a height of water [m].
     """
 
-    velocity: Array
-    rate: Array
-    gradient: Array
-    elevation: Array
-    head: Array
+    velocity: Vector3
+    rate: Vector3
+    gradient: Matrix3
+    elevation: Scalar
+    head: Scalar
 
 
 class AirySea(Block):
     """Random-phase sum of linear waves. `AirySea.of` makes one from a spectrum.
 
     Attributes:
-        amplitude: Of each component [m], shape (n,).
-        omega: Frequency [rad/s], shape (n,).
-        wavenumber: k [1/m], shape (n,).
-        direction: Where it runs to, from north towards east, world frame [rad], shape (n,).
+        amplitude: Of each component [m].
+        omega: Frequency [rad/s].
+        wavenumber: k [1/m].
+        direction: Where it runs to, from north towards east, world frame [rad].
         depth: Of the water [m], or None: deep.
     """
 
-    amplitude: Array = eqx.field(converter=as_array)
-    omega: Array = eqx.field(converter=as_array)
-    wavenumber: Array = eqx.field(converter=as_array)
-    direction: Array = eqx.field(converter=as_array)
-    depth: Array | None = None
+    amplitude: Float[Array, " n"] = eqx.field(converter=as_array)
+    omega: Float[Array, " n"] = eqx.field(converter=as_array)
+    wavenumber: Float[Array, " n"] = eqx.field(converter=as_array)
+    direction: Float[Array, " n"] = eqx.field(converter=as_array)
+    depth: Scalar | None = None
 
     def __check_init__(self):
         require_not_negative("AirySea.amplitude", self.amplitude)
@@ -142,7 +144,7 @@ class AirySea(Block):
             None if depth is None else as_array(depth),
         )
 
-    def init(self, key: Array, start: Start) -> AiryMemory:
+    def init(self, key: PRNGKey, start: Start) -> AiryMemory:
         """Random phases."""
         phase = jax.random.uniform(raw_key(key), self.amplitude.shape, dtype=jnp.float64, maxval=2.0 * jnp.pi)
         return AiryMemory(phase, jnp.zeros((), dtype=jnp.int64))
@@ -161,8 +163,8 @@ class AirySea(Block):
         after = AiryMemory(memory.phase, memory.steps + 1)
         return after, WaveAction(flow=flow, elevation=water.elevation, head=water.head)
 
-    def at(self, phase: Array, t: Array, place: Array) -> Water:
-        """The sea of the phases (n,) at time t [s] and a place in n [m], shape (3,)."""
+    def at(self, phase: Float[Array, " n"], t: ScalarLike, place: Vector3) -> Water:
+        """The sea of the phases at time t [s] and a place in n [m]."""
         a, omega, k = self.amplitude, self.omega, self.wavenumber
         north, east = jnp.cos(self.direction), jnp.sin(self.direction)
         cosine, sine = _cosine_sine(k * (north * place[0] + east * place[1]) - omega * t + phase)
@@ -184,8 +186,8 @@ class AirySea(Block):
             head,
         )
 
-    def decay(self, z: Array) -> tuple[Array, Array]:
-        """C and S at a depth z [m], shapes (n,), in exponentials that cannot overflow."""
+    def decay(self, z: Scalar) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """C and S at a depth z [m], in exponentials that cannot overflow."""
         falling = jnp.exp(-jnp.minimum(self.wavenumber * z, 300.0))
         if self.depth is None:
             return falling, falling
@@ -194,7 +196,7 @@ class AirySea(Block):
         return (falling + rising) * scale, (falling - rising) * scale
 
 
-def _cosine_sine(angle: Array) -> tuple[Array, Array]:
+def _cosine_sine(angle: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Both to 1e-15 of one reduced angle: a seventh of the time of the library's, which work number by number."""
     turns = angle * (0.5 / jnp.pi)
     half = jnp.pi * (turns - jnp.round(turns))
@@ -203,7 +205,7 @@ def _cosine_sine(angle: Array) -> tuple[Array, Array]:
     return 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
 
 
-def _polynomial(coefficients: tuple[float, ...], x: Array) -> Any:
+def _polynomial(coefficients: tuple[float, ...], x: Float[Array, " n"]) -> Float[Array, " n"]:
     value: Any = coefficients[-1]
     for c in coefficients[-2::-1]:
         value = value * x + c

@@ -7,10 +7,12 @@ import abc
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, PRNGKey, RawKey, Scalar, Vector3
 from rovtwin.simulation.checks import require, require_finite, require_not_negative, require_positive, require_shape
 from rovtwin.simulation.noise import key_for, normals, raw_key
 
@@ -19,15 +21,15 @@ class Flow(eqx.Module):
     """The moving water at one place over one step, in n.
 
     Attributes:
-        velocity: v_c at the start of the step [m/s], shape (3,).
-        rate: Its rate at a fixed place, the local part of D v_c / Dt [m/s2], shape (3,); held over the step, so that
+        velocity: v_c at the start of the step [m/s].
+        rate: Its rate at a fixed place, the local part of D v_c / Dt [m/s2]; held over the step, so that
             `velocity + elapsed * rate` meets the velocity of the next step.
-        gradient: d v_i / d x_j [1/s], shape (3, 3), or None where the water moves as one.
+        gradient: d v_i / d x_j [1/s], or None where the water moves as one.
     """
 
-    velocity: Array
-    rate: Array
-    gradient: Array | None = None
+    velocity: Vector3
+    rate: Vector3
+    gradient: Matrix3 | None = None
 
     @classmethod
     def still(cls) -> "Flow":
@@ -43,36 +45,36 @@ class Current(Block):
     """A current: `step` says what the water does at CO, `velocities` how it moves at other places at that time."""
 
     @abc.abstractmethod
-    def step(self, memory: Any, input: Array, dt: float) -> tuple[Any, Flow]:
-        """Flow at the position `input` (CO in n [m], shape (3,)) over the next `dt`."""
+    def step(self, memory: Any, input: Vector3, dt: float) -> tuple[Any, Flow]:
+        """Flow at the position `input` (CO in n [m]) over the next `dt`."""
 
     @abc.abstractmethod
-    def velocities(self, memory: Any, positions: Array, dt: float) -> Array:
-        """v_c at the start of the next step of `dt` at places in n [m], shape (k, 3); in n [m/s], shape (k, 3)."""
+    def velocities(self, memory: Any, positions: Float[Array, "k 3"], dt: float) -> Float[Array, "k 3"]:
+        """v_c at the start of the next step of `dt` at places in n [m], in n [m/s]."""
 
 
 class ConstantCurrent(Current):
     """The same velocity everywhere and always.
 
     Attributes:
-        velocity: v_c in n [m/s], shape (3,).
+        velocity: v_c in n [m/s].
     """
 
-    velocity: Array = eqx.field(converter=as_array)
+    velocity: Vector3 = eqx.field(converter=as_array)
 
     def __check_init__(self):
         require_shape("ConstantCurrent.velocity", self.velocity, (3,))
         require_finite("ConstantCurrent.velocity", self.velocity)
 
-    def init(self, key: Array, start: Start) -> None:
+    def init(self, key: PRNGKey, start: Start) -> None:
         """No memory."""
         return None
 
-    def step(self, memory: None, input: Array, dt: float) -> tuple[None, Flow]:
-        """Flow at the position `input` [m], shape (3,)."""
+    def step(self, memory: None, input: Vector3, dt: float) -> tuple[None, Flow]:
+        """Flow at the position `input` [m]."""
         return None, Flow(self.velocity, jnp.zeros(3))
 
-    def velocities(self, memory: None, positions: Array, dt: float) -> Array:
+    def velocities(self, memory: None, positions: Float[Array, "k 3"], dt: float) -> Float[Array, "k 3"]:
         """The same at all places."""
         return jnp.broadcast_to(self.velocity, positions.shape)
 
@@ -81,12 +83,12 @@ class ShearedCurrent(Current):
     """Steady current that changes with depth: linear between given depths, constant above the first, below the last.
 
     Attributes:
-        depths: Increasing [m], shape (k,), k >= 2.
-        layers: v_c in n at these depths [m/s], shape (k, 3).
+        depths: Increasing, two or more [m].
+        layers: v_c in n at these depths [m/s].
     """
 
-    depths: Array = eqx.field(converter=as_array)
-    layers: Array = eqx.field(converter=as_array)
+    depths: Float[Array, " k"] = eqx.field(converter=as_array)
+    layers: Float[Array, "k 3"] = eqx.field(converter=as_array)
 
     def __check_init__(self):
         where = "ShearedCurrent.depths"
@@ -96,39 +98,39 @@ class ShearedCurrent(Current):
         require_shape("ShearedCurrent.layers", self.layers, (self.depths.shape[0], 3))
         require_finite("ShearedCurrent.layers", self.layers)
 
-    def init(self, key: Array, start: Start) -> None:
+    def init(self, key: PRNGKey, start: Start) -> None:
         """No memory."""
         return None
 
-    def step(self, memory: None, input: Array, dt: float) -> tuple[None, Flow]:
-        """Flow at the position `input` [m], shape (3,)."""
+    def step(self, memory: None, input: Vector3, dt: float) -> tuple[None, Flow]:
+        """Flow at the position `input` [m]."""
         depth = input[2]
         inside = (depth >= self.depths[:-1]) & (depth < self.depths[1:])
         shear = jnp.where(inside[:, None], self._slopes(), 0.0).sum(0)
         gradient = jnp.zeros((3, 3)).at[:, 2].set(shear)
         return None, Flow(self._at(depth), jnp.zeros(3), gradient)
 
-    def velocities(self, memory: None, positions: Array, dt: float) -> Array:
+    def velocities(self, memory: None, positions: Float[Array, "k 3"], dt: float) -> Float[Array, "k 3"]:
         """By depth alone."""
         return jax.vmap(self._at)(positions[:, 2])
 
-    def _slopes(self) -> Array:
+    def _slopes(self) -> Float[Array, "layers 3"]:
         return (self.layers[1:] - self.layers[:-1]) / (self.depths[1:] - self.depths[:-1])[:, None]
 
-    def _at(self, depth: Array) -> Array:
+    def _at(self, depth: Scalar) -> Vector3:
         # How far the depth reaches into each layer; the sum over layers needs no search for the right one.
         reach = jnp.clip(depth, self.depths[:-1], self.depths[1:]) - self.depths[:-1]
         return self.layers[0] + (self._slopes() * reach[:, None]).sum(0)
 
 
 class GaussMarkovMemory(eqx.Module):
-    """Nodes that the velocity runs between, shape (3,) each; number of nodes drawn; steps since the last node."""
+    """Nodes that the velocity runs between; number of nodes drawn; steps since the last node."""
 
-    key: Array
-    before: Array
-    after: Array
-    nodes: Array
-    steps: Array
+    key: RawKey
+    before: Vector3
+    after: Vector3
+    nodes: Index
+    steps: Index
 
 
 class GaussMarkovCurrent(Current):
@@ -143,16 +145,16 @@ class GaussMarkovCurrent(Current):
     would read them. With nodes the acceleration belongs to the water and not to the step. Fossen (2021), sec. 10.3.
 
     Attributes:
-        mean: In n [m/s], shape (3,).
-        sigma: Standard deviation about the mean, per axis [m/s], shape (3,).
+        mean: In n [m/s].
+        sigma: Standard deviation about the mean, per axis [m/s].
         time_constant: T [s].
         interval: Between nodes [s]; default T / 100, at least one step.
     """
 
-    mean: Array
-    sigma: Array
-    time_constant: Array
-    interval: Array
+    mean: Vector3
+    sigma: Vector3
+    time_constant: Scalar
+    interval: Scalar
 
     def __init__(self, mean: object, sigma: object, time_constant: object, interval: object = None):
         self.mean, self.sigma, self.time_constant = as_array(mean), as_array(sigma), as_array(time_constant)
@@ -164,19 +166,19 @@ class GaussMarkovCurrent(Current):
         require_positive("GaussMarkovCurrent.time_constant", self.time_constant)
         require_positive("GaussMarkovCurrent.interval", self.interval)
 
-    def _next_node(self, key: Array, node: Array, count: Array, spacing: Array) -> Array:
+    def _next_node(self, key: RawKey, node: Vector3, count: Index, spacing: Scalar) -> Vector3:
         phi = jnp.exp(-spacing / self.time_constant)
         kick = self.sigma * jnp.sqrt(-jnp.expm1(-2.0 * spacing / self.time_constant)) * normals(key, count, 3)
         return self.mean + phi * (node - self.mean) + kick
 
-    def init(self, key: Array, start: Start) -> GaussMarkovMemory:
+    def init(self, key: PRNGKey, start: Start) -> GaussMarkovMemory:
         """A stationary draw for the first node; the first step draws the second."""
         key = raw_key(key)
         zero = jnp.zeros((), dtype=jnp.int64)
         first = self.mean + self.sigma * normals(key, zero, 3)
         return GaussMarkovMemory(key, first, first, zero + 1, zero)
 
-    def step(self, memory: GaussMarkovMemory, input: Array, dt: float) -> tuple[GaussMarkovMemory, Flow]:
+    def step(self, memory: GaussMarkovMemory, input: Vector3, dt: float) -> tuple[GaussMarkovMemory, Flow]:
         """Flow over the next `dt`; the position does not matter."""
         per_node = jnp.maximum(jnp.round(self.interval / dt), 1.0)
         at_node = memory.steps == 0
@@ -188,7 +190,7 @@ class GaussMarkovCurrent(Current):
         steps = jnp.where(memory.steps + 1 >= per_node, 0, memory.steps + 1)
         return GaussMarkovMemory(memory.key, before, after, memory.nodes + at_node, steps), flow
 
-    def velocities(self, memory: GaussMarkovMemory, positions: Array, dt: float) -> Array:
+    def velocities(self, memory: GaussMarkovMemory, positions: Float[Array, "k 3"], dt: float) -> Float[Array, "k 3"]:
         """The same at all places."""
         share = memory.steps / jnp.maximum(jnp.round(self.interval / dt), 1.0)
         now = jnp.where(memory.steps == 0, memory.after, memory.before + share * (memory.after - memory.before))
@@ -204,16 +206,16 @@ class CombinedCurrent(Current):
 
     parts: tuple[Current, ...]
 
-    def init(self, key: Array, start: Start) -> tuple:
+    def init(self, key: PRNGKey, start: Start) -> tuple:
         """Memory of each part, in order."""
         return tuple(part.init(key_for(key, f"part {i}"), start) for i, part in enumerate(self.parts))
 
-    def step(self, memory: tuple, input: Array, dt: float) -> tuple[tuple, Flow]:
-        """Sum of the flows at the position `input` [m], shape (3,)."""
+    def step(self, memory: tuple, input: Vector3, dt: float) -> tuple[tuple, Flow]:
+        """Sum of the flows at the position `input` [m]."""
         stepped = [part.step(m, input, dt) for part, m in zip(self.parts, memory, strict=True)]
         return tuple(m for m, _ in stepped), sum((flow for _, flow in stepped), Flow.still())
 
-    def velocities(self, memory: tuple, positions: Array, dt: float) -> Array:
+    def velocities(self, memory: tuple, positions: Float[Array, "k 3"], dt: float) -> Float[Array, "k 3"]:
         """Sum of the parts."""
         return sum(
             (part.velocities(m, positions, dt) for part, m in zip(self.parts, memory, strict=True)),

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Scalar, Vector2
 
 
 class Relief(eqx.Module):
@@ -16,15 +18,15 @@ class Relief(eqx.Module):
 
     Attributes:
         depth: At the origin of n, without the waves [m].
-        slope: By how much it gets deeper per metre north and east, shape (2,).
-        amplitude: Half-height of each wave [m], shape (k,).
-        wave_number: Of each, north and east [rad/m], shape (k, 2).
+        slope: By how much it gets deeper per metre north and east.
+        amplitude: Half-height of each wave [m].
+        wave_number: Of each, north and east [rad/m].
     """
 
-    depth: Array = eqx.field(converter=as_array)
-    slope: Array = eqx.field(converter=as_array)
-    amplitude: Array = eqx.field(converter=as_array)
-    wave_number: Array = eqx.field(converter=as_array)
+    depth: Scalar = eqx.field(converter=as_array)
+    slope: Vector2 = eqx.field(converter=as_array)
+    amplitude: Float[Array, " k"] = eqx.field(converter=as_array)
+    wave_number: Float[Array, "k 2"] = eqx.field(converter=as_array)
 
     @classmethod
     def of(
@@ -37,8 +39,8 @@ class Relief(eqx.Module):
         amplitude, number = [wave[0] for wave in waves], np.reshape(rows, (len(rows), 2))
         return cls(as_array(depth), as_array(slope), as_array(amplitude), as_array(number))
 
-    def under(self, place: Array) -> tuple[Array, Array]:
-        """Depth of the floor [m] below a place, north and east [m], shape (2,), and its slope there, shape (2,)."""
+    def under(self, place: Vector2) -> tuple[Scalar, Vector2]:
+        """Depth of the floor [m] below a place, north and east [m], and its slope there."""
         phase = self.wave_number @ place
         depth = self.depth + self.slope @ place + self.amplitude @ jnp.sin(phase)
         return depth, self.slope + (self.amplitude * jnp.cos(phase)) @ self.wave_number

@@ -7,6 +7,7 @@ Fossen (2021), sec. 10.2; DNV-RP-C205 (2021), sec. 3.5 (spectra, spreading).
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import GRAVITY
@@ -81,7 +82,7 @@ class SeaState:
         """2 pi H_s / (g T_z^2): height over the length of a deep-water wave of period T_z."""
         return float(2.0 * np.pi * self.height / (GRAVITY * self.zero_crossing_period**2))
 
-    def spectrum(self, omega: np.ndarray) -> np.ndarray:
+    def spectrum(self, omega: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """S(omega) [m2 s], one-sided, of any shape like omega [rad/s]; its integral is H_s^2 / 16."""
         modal = 2.0 * np.pi / self.peak_period
         x = np.asarray(omega, dtype=float) / modal
@@ -93,7 +94,7 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 0.5, 30.0  # Tz [s]; below are ripples that ca
 STEEPEST = 1.0 / 8.0  # of any sea, by Tz; DNV-RP-C205 sec. 3.5.4 has 1/10 as what is met
 
 
-def _shape(x: np.ndarray, gamma: float) -> np.ndarray:
+def _shape(x: Float[np.ndarray, "*axes"], gamma: float) -> Float[np.ndarray, "*axes"]:
     """JONSWAP over frequency in modal frequencies, not normalised."""
     width = np.where(x <= 1.0, 0.07, 0.09)
     return x**-5.0 * np.exp(-1.25 * x**-4.0) * gamma ** np.exp(-0.5 * ((x - 1.0) / width) ** 2)
@@ -112,7 +113,7 @@ def period_ratio(gamma: float) -> float:
     return float(np.sqrt(m0 / m2))
 
 
-def wavenumber(omega: np.ndarray, depth: float | None) -> np.ndarray:
+def wavenumber(omega: Float[np.ndarray, " n"], depth: float | None) -> Float[np.ndarray, " n"]:
     """k [1/m] of waves of frequency omega [rad/s] in water of a depth [m] (None: deep): omega^2 = g k tanh(k h)."""
     deep = np.asarray(omega, dtype=float) ** 2 / GRAVITY
     if depth is None:
@@ -128,11 +129,11 @@ def wavenumber(omega: np.ndarray, depth: float | None) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Components:
-    """Regular waves that add up to a sea, shapes (n,): amplitude [m], omega [rad/s], direction run to [rad]."""
+    """Regular waves that add up to a sea: amplitude [m], omega [rad/s], direction run to [rad]."""
 
-    amplitude: np.ndarray
-    omega: np.ndarray
-    direction: np.ndarray
+    amplitude: Float[np.ndarray, " n"]
+    omega: Float[np.ndarray, " n"]
+    direction: Float[np.ndarray, " n"]
 
 
 def components(sea: SeaState, count: int, direction: float = 0.0, spreading: float | None = None) -> Components:
@@ -165,12 +166,12 @@ def components(sea: SeaState, count: int, direction: float = 0.0, spreading: flo
     return Components(np.sqrt(2.0 * inside), at, direction + angle)
 
 
-def _cumulated(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _cumulated(values: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Integral up to each x, by trapezoids."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(x))])
 
 
-def _spread_angles(quantiles: np.ndarray, s: float) -> np.ndarray:
+def _spread_angles(quantiles: Float[np.ndarray, " n"], s: float) -> Float[np.ndarray, " n"]:
     """Angles off the mean direction below which these shares of the energy run."""
     angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 4001)
     below = _cumulated(np.cos(angle) ** (2.0 * s), angle)

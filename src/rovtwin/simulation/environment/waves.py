@@ -8,10 +8,12 @@ Reference: thesis secs. 2.6.2 and 5.4; Fossen (2021), sec. 10.2 (linear wave res
 """
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Index, PRNGKey, RawKey, Scalar, Vector2, Vector3
 from rovtwin.simulation.checks import (
     require,
     require_direction,
@@ -33,18 +35,20 @@ class WaveAction(eqx.Module):
 
     Attributes:
         flow: Of the water at CO, or None where a model only pushes.
-        force: On the vehicle at CO, n [N], shape (3,), or None where a model only moves the water.
+        force: On the vehicle at CO, n [N], or None where a model only moves the water.
         elevation: Of the surface above CO, positive up [m], or None where a model knows none.
         head: Dynamic pressure at CO as a height of water [m], or None.
     """
 
     flow: Flow | None = None
-    force: Array | None = None
-    elevation: Array | None = None
-    head: Array | None = None
+    force: Vector3 | None = None
+    elevation: Scalar | None = None
+    head: Scalar | None = None
 
 
-def spectrum(omega: Array, height: Array, period: Array) -> Array:
+def spectrum(
+    omega: Float[Array, "*axes"], height: Float[Array, "#*axes"], period: Float[Array, "#*axes"]
+) -> Float[Array, "*axes"]:
     """Modified Pierson-Moskowitz spectrum S(omega) [m2 s], one-sided, of any shape like omega.
 
     Args:
@@ -58,11 +62,15 @@ def spectrum(omega: Array, height: Array, period: Array) -> Array:
     return A * omega**-5 * jnp.exp(-B * omega**-4)
 
 
-def _spectrum_parameters(height: Array, period: Array) -> tuple[Array, Array]:
+def _spectrum_parameters(
+    height: Float[Array, "*axes"], period: Float[Array, "*axes"]
+) -> tuple[Float[Array, "*axes"], Float[Array, "*axes"]]:
     return 4.0 * jnp.pi**3 * height**2 / period**4, 16.0 * jnp.pi**3 / period**4
 
 
-def filter_parameters(height: Array, period: Array, as_printed: bool = False) -> tuple[Array, Array]:
+def filter_parameters(
+    height: Float[Array, "*axes"], period: Float[Array, "*axes"], as_printed: bool = False
+) -> tuple[Float[Array, "*axes"], Float[Array, "*axes"]]:
     """Frequency omega_0 [rad/s] and intensity sigma [m sqrt(s)] of the shaping filter.
 
     The filter shall peak where the spectrum does: omega_0 is the modal frequency (4B/5)^(1/4) and sigma = sqrt(max S).
@@ -75,7 +83,7 @@ def filter_parameters(height: Array, period: Array, as_printed: bool = False) ->
     return omega, height * jnp.sqrt(spectrum(omega, jnp.ones_like(height), period))
 
 
-def encounter_frequency(omega: Array, speed_along: Array) -> Array:
+def encounter_frequency(omega: Float[Array, "*axes"], speed_along: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
     """|omega - omega^2 U cos(beta) / g| [rad/s] in deep water. Thesis (2.16); Fossen (2021), sec. 10.2.
 
     Args:
@@ -87,12 +95,12 @@ def encounter_frequency(omega: Array, speed_along: Array) -> Array:
 
 
 class ThesisWavesMemory(eqx.Module):
-    """Key and number of draws; filter state z, shape (2,) [N]; drift on north and east, shape (2,) [N]."""
+    """Key and number of draws; filter state z [N]; drift on north and east [N]."""
 
-    key: Array
-    draws: Array
-    filter: Array
-    drift: Array
+    key: RawKey
+    draws: Index
+    filter: Vector2
+    drift: Vector2
 
 
 class ThesisWaves(Block):
@@ -110,18 +118,18 @@ class ThesisWaves(Block):
         height: H_s [m].
         period: T_z [s].
         direction: Of propagation, from north towards east, world frame [rad]: 0 runs towards north.
-        drift_intensity: Of the random walk, on north and on east [N/sqrt(s)], shape (2,).
+        drift_intensity: Of the random walk, on north and on east [N/sqrt(s)].
         damping_ratio: lambda.
         gain: Force per wave height [N/m].
         as_printed: Frequency and intensity as the thesis prints them, see `filter_parameters`.
     """
 
-    height: Array = eqx.field(converter=as_array)
-    period: Array = eqx.field(converter=as_array)
-    direction: Array = eqx.field(converter=as_array, default=0.0)
-    drift_intensity: Array = eqx.field(converter=as_array, default=(0.0, 0.0))
-    damping_ratio: Array = eqx.field(converter=as_array, default=DAMPING_RATIO)
-    gain: Array = eqx.field(converter=as_array, default=1.0)
+    height: Scalar = eqx.field(converter=as_array)
+    period: Scalar = eqx.field(converter=as_array)
+    direction: Scalar = eqx.field(converter=as_array, default=0.0)
+    drift_intensity: Vector2 = eqx.field(converter=as_array, default=(0.0, 0.0))
+    damping_ratio: Scalar = eqx.field(converter=as_array, default=DAMPING_RATIO)
+    gain: Scalar = eqx.field(converter=as_array, default=1.0)
     as_printed: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
@@ -133,17 +141,17 @@ class ThesisWaves(Block):
         ratio = self.damping_ratio
         require("ThesisWaves.damping_ratio", ratio, lambda x: (x > 0) & (x < 1), "a ratio above 0 and below 1")
 
-    def rms(self) -> Array:
+    def rms(self) -> Scalar:
         """Stationary rms of the wave force on a vehicle at rest [N], drift left out: K_w / sqrt(4 lambda omega_0)."""
         omega_0, _ = filter_parameters(self.height, self.period, self.as_printed)
         return self._deviation(omega_0)
 
-    def _deviation(self, omega_e: Array) -> Array:
+    def _deviation(self, omega_e: Scalar) -> Scalar:
         omega_0, sigma = filter_parameters(self.height, self.period, self.as_printed)
         K_w = 2.0 * self.damping_ratio * omega_0 * sigma * self.gain
         return K_w / jnp.sqrt(4.0 * self.damping_ratio * omega_e)
 
-    def init(self, key: Array, start: Start) -> ThesisWavesMemory:
+    def init(self, key: PRNGKey, start: Start) -> ThesisWavesMemory:
         """Waves as they are long after they began (a stationary draw), no drift yet."""
         key = raw_key(key)
         zero = jnp.zeros((), dtype=jnp.int64)
@@ -167,8 +175,8 @@ class ThesisWaves(Block):
         return after, WaveAction(force=force)
 
 
-def _transition(angle: Array, damping_ratio: Array) -> tuple[Array, Array]:
-    """Exact step of the shaping filter: Phi, shape (2, 2), and L with L L' = I - Phi Phi', shape (2, 2).
+def _transition(angle: Scalar, damping_ratio: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:
+    """Exact step of the shaping filter: Phi, and L with L L' = I - Phi Phi'.
 
     With the state z = [omega_e x, x_dot] of the oscillator the filter is
 

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Environment, Walls
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Index, PRNGKey, Scalar, Vector2, Vector3
 from rovtwin.simulation.environment.current import Current, Flow
 from rovtwin.simulation.environment.relief import Relief
 from rovtwin.simulation.environment.waves import WaveAction
@@ -18,13 +20,13 @@ from rovtwin.vehicle.physics.dynamics import State
 class WorldMemory(eqx.Module):
     """Memories of the parts; None where there is no such part.
 
-    `broken` is the first force that gave what is no number, int: 0 none, else 1 and its index; None without forces.
+    `broken` is the first force that gave what is no number: 0 none, else 1 and its index; None without forces.
     """
 
     current: object
     waves: object
     forces: tuple[object, ...] = ()
-    broken: Array | None = None
+    broken: Index | None = None
 
 
 class World(Block):
@@ -37,18 +39,18 @@ class World(Block):
         walls: Floor, the last of them, and walls.
         floor: Depth z in n of a level floor [m], for altimeters; its plane is among the walls.
         relief: Of a floor that is not level; the plane among the walls is then the one that touches it below CO.
-        forces: What else acts on the hull: `step(memory, State, dt) -> (memory, wrench in b at CO [N, N m], (6,))`.
+        forces: What else acts on the hull: `step(memory, State, dt) -> (memory, wrench in b at CO [N, N m])`.
     """
 
     current: Current | None = None
     waves: Block | None = None
-    surface: Array | None = None
+    surface: Scalar | None = None
     walls: Walls | None = None
-    floor: Array | None = None
+    floor: Scalar | None = None
     relief: Relief | None = None
     forces: tuple[Block, ...] = ()
 
-    def init(self, key: Array, start: Start) -> WorldMemory:
+    def init(self, key: PRNGKey, start: Start) -> WorldMemory:
         """Memory of current, waves and forces, each with random numbers of its own."""
         return WorldMemory(
             None if self.current is None else self.current.init(key_for(key, "current"), start),
@@ -97,8 +99,8 @@ class World(Block):
         )
         return WorldMemory(current, waves, tuple(forces), broken), environment
 
-    def bounds_at(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
-        """Walls, depth of the floor [m] and its slope, shape (2,), below a place (3,)."""
+    def bounds_at(self, position: Vector3) -> tuple[Walls | None, Scalar | None, Vector2 | None]:
+        """Walls, depth of the floor [m] and its slope, below a place."""
         if self.relief is None or self.walls is None:
             return self.walls, self.floor, None
         depth, slope = self.relief.under(position[:2])
@@ -109,8 +111,8 @@ class World(Block):
         walls = Walls(jnp.concatenate([normals[:-1], normal[None]]), jnp.concatenate([offsets[:-1], offset[None]]))
         return walls, depth, slope
 
-    def velocities(self, memory: WorldMemory, positions: Array, dt: float) -> Array:
-        """Of the current at places in n, shapes (k, 3), at the start of the next step of dt; waves do not count."""
+    def velocities(self, memory: WorldMemory, positions: Float[Array, "k 3"], dt: float) -> Float[Array, "k 3"]:
+        """Of the current at places in n, at the start of the next step of dt; waves do not count."""
         if self.current is None:
             return jnp.zeros_like(positions)
         return self.current.velocities(memory.current, positions, dt)

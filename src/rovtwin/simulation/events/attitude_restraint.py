@@ -1,9 +1,11 @@
 """A hand: what tilts a vehicle and keeps it there until a decay test begins."""
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Scalar, ScalarLike, Vector6
 from rovtwin.vehicle.physics.dynamics import State, restoring_wrench
 from rovtwin.vehicle.physics.model import Model
 
@@ -14,17 +16,17 @@ class AttitudeRestraint(eqx.Module):
     It carries what gravity asks for at that attitude, so that the springs bring it there and not short of it.
 
     Attributes:
-        spans: From (included) to (excluded) [s], shape (n, 2).
-        R_nb: Attitude to bring it to in each, shape (n, 3, 3).
+        spans: From (included) to (excluded) [s].
+        R_nb: Attitude to bring it to in each.
         frequency: Of the springs, on the vehicle's own inertia [rad/s]; well damped.
     """
 
-    spans: Array = eqx.field(converter=as_array)
-    R_nb: Array = eqx.field(converter=as_array)
-    frequency: Array = eqx.field(converter=as_array, default=3.0)
+    spans: Float[Array, "n 2"] = eqx.field(converter=as_array)
+    R_nb: Float[Array, "n 3 3"] = eqx.field(converter=as_array)
+    frequency: Scalar = eqx.field(converter=as_array, default=3.0)
 
-    def wrench(self, model: Model, state: State, t: Array | float) -> Array:
-        """Wrench of the hand at time t [s], b at CO [N, N m], shape (6,)."""
+    def wrench(self, model: Model, state: State, t: ScalarLike) -> Vector6:
+        """Wrench of the hand at time t [s], b at CO [N, N m]."""
         holding = (self.spans[:, 0] <= t) & (t < self.spans[:, 1])
         desired = jnp.sum(jnp.where(holding[:, None, None], self.R_nb, 0.0), axis=0)
         # Rotation from the desired attitude: the skew part of R_desired' R, exact in direction.

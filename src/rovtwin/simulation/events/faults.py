@@ -10,11 +10,13 @@ from typing import Literal, get_args
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Flag, Index, PerThruster, PRNGKey
 from rovtwin.simulation.checks import require, require_probability, require_spans, within
 from rovtwin.vehicle.physics.model import Model
 
@@ -47,7 +49,7 @@ class FaultInput(eqx.Module):
     """What the thrusters are sent in control tick k, an int that is never batched."""
 
     command: Command
-    k: Array | int
+    k: Index | int
 
 
 class FaultOutput(eqx.Module):
@@ -55,44 +57,44 @@ class FaultOutput(eqx.Module):
 
     Attributes:
         command: What they obey.
-        share: Of their force that is left, shape (n,).
-        leak: Whether water comes in, bool.
-        snagged: Whether each tether that will ever be caught is so now, bool, by name.
+        share: Of their force that is left.
+        leak: Whether water comes in.
+        snagged: Whether each tether that will ever be caught is so now, by name.
     """
 
     command: Command
-    share: Array
-    leak: Array
-    snagged: dict[str, Array]
+    share: PerThruster
+    leak: Flag
+    snagged: dict[str, Flag]
 
 
 class Faults(Block):
     """A time-line of m faults of n thrusters, of leaks and of snagged tethers.
 
     Faults of one thruster at the same time add up: shares multiply, two reversals cancel, and of several "stuck" the
-    last one in the list counts. Its memory is the command that each thruster obeyed last, shape (n,).
+    last one in the list counts. Its memory is the command that each thruster obeyed last.
 
     Attributes:
-        spans: From (included) to (excluded), shape (m, 2) [s].
-        thrusters: Which thrusters each fault is of, shape (m, n), bool.
-        share: Factor on their force, shape (m,).
-        sign: Factor on their command, shape (m,): 1 or -1.
-        stuck: Whether the command no longer changes, shape (m,), bool.
-        given: Whether it is `command` then, rather than the last one, shape (m,), bool.
-        command: Shape (m,).
-        leaks: Spans with a leak, shape (l, 2) [s].
-        snags: By the name of a tether, spans in which it is caught, shape (k, 2) [s].
+        spans: From (included) to (excluded) [s].
+        thrusters: Which thrusters each fault is of.
+        share: Factor on their force.
+        sign: Factor on their command: 1 or -1.
+        stuck: Whether the command no longer changes.
+        given: Whether it is `command` then, rather than the last one.
+        command: That a stuck one obeys.
+        leaks: Spans with a leak [s].
+        snags: By the name of a tether, spans in which it is caught [s].
     """
 
-    spans: Array
-    thrusters: Array
-    share: Array
-    sign: Array
-    stuck: Array
-    given: Array
-    command: Array
-    leaks: Array
-    snags: dict[str, Array]
+    spans: Float[Array, "m 2"]
+    thrusters: Bool[Array, "m n"]
+    share: Float[Array, " m"]
+    sign: Float[Array, " m"]
+    stuck: Bool[Array, " m"]
+    given: Bool[Array, " m"]
+    command: Float[Array, " m"]
+    leaks: Float[Array, "l 2"]
+    snags: dict[str, Float[Array, "_ 2"]]
 
     def __init__(
         self,
@@ -124,11 +126,11 @@ class Faults(Block):
         for name, spans in {"leaks": self.leaks, **self.snags}.items():
             require_spans(name, spans)
 
-    def init(self, key: Array, start: Start) -> Array:
+    def init(self, key: PRNGKey, start: Start) -> PerThruster:
         """Thrusters at rest; `key` and `start` are not used."""
         return jnp.zeros(self.thrusters.shape[1])
 
-    def step(self, memory: Array, input: FaultInput, dt: float) -> tuple[Array, FaultOutput]:
+    def step(self, memory: PerThruster, input: FaultInput, dt: float) -> tuple[PerThruster, FaultOutput]:
         """Control tick k, from k dt on."""
         t = jnp.asarray(input.k) * dt
         active = within(self.spans, t, dt)[:, None] & self.thrusters
@@ -142,8 +144,8 @@ class Faults(Block):
         return u, FaultOutput(Command(sign * u), share, leak, snagged)
 
 
-def weakened(model: Model, share: Array) -> Model:
-    """A model whose thrusters give a share of their force, shape (n,)."""
+def weakened(model: Model, share: PerThruster) -> Model:
+    """A model whose thrusters give a share of their force."""
     return eqx.tree_at(lambda m: m.thrusters.health, model, model.thrusters.health * share)
 
 

@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.flow import ABORT, NO_REQUEST, PILOT, Host
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Index, Scalar
 
 Spans = Sequence[tuple[float, float]]
 LATE = 10.0  # control periods by which a late computer is late
@@ -16,20 +18,20 @@ class Topside(eqx.Module):
     """A time-line of it; m spans each.
 
     Attributes:
-        link: Without a word from the vehicle, shape (m, 2) [s].
-        operator: Without one from the operator, shape (m, 2) [s].
-        late: In which ticks come late, shape (m, 2) [s].
-        times: Of the operator's requests, shape (k,) [s].
-        requests: Those of core.flow, shape (k,), int.
-        pilot: Velocity that each asks for, shape (k, 4), see core.flow.AutopilotInput.
+        link: Without a word from the vehicle [s].
+        operator: Without one from the operator [s].
+        late: In which ticks come late [s].
+        times: Of the operator's requests [s].
+        requests: Those of core.flow.
+        pilot: Velocity that each asks for, see core.flow.AutopilotInput.
     """
 
-    link: Array
-    operator: Array
-    late: Array
-    times: Array
-    requests: Array
-    pilot: Array
+    link: Float[Array, "l 2"]
+    operator: Float[Array, "m 2"]
+    late: Float[Array, "n 2"]
+    times: Float[Array, " k"]
+    requests: Int[Array, " k"]
+    pilot: Float[Array, "k 4"]
 
     @classmethod
     def of(
@@ -53,8 +55,8 @@ class Topside(eqx.Module):
             pilot=as_array(np.reshape(commands, (-1, 4))),
         )
 
-    def at(self, t: Array, dt: float) -> tuple[Host, Array, Array]:
-        """What the host knows at time t [s], the request of a tick of dt seconds, int, the pilot's command, (4,)."""
+    def at(self, t: Scalar, dt: float) -> tuple[Host, Index, Float[Array, "4"]]:
+        """What the host knows at time t [s], the request of a tick of dt seconds, the pilot's command."""
         host = Host(_age(self.link, t), _age(self.operator, t), jnp.where(_age(self.late, t) > 0.0, LATE, 0.0))
         now = jnp.round(self.times / dt) == jnp.round(t / dt)
         request, command = jnp.asarray(NO_REQUEST), jnp.zeros(4)
@@ -65,7 +67,7 @@ class Topside(eqx.Module):
         return host, request, command
 
 
-def _age(spans: Array, t: Array) -> Array:
+def _age(spans: Float[Array, "m 2"], t: Scalar) -> Scalar:
     """How long one of the spans has lasted [s]; 0 outside."""
     within = (spans[:, 0] <= t) & (t < spans[:, 1])
     return jnp.max(jnp.where(within, t - spans[:, 0], 0.0), initial=0.0)

@@ -10,19 +10,20 @@ misalignment of the antenna is not in the model.
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.types import Flag, PRNGKey, Scalar, ScalarLike, Vector2
 from rovtwin.simulation.checks import require_not_negative, require_positive
 
 LEAST_RANGE = 1.0  # nearer to the antenna the direction of the line of sight fades out [m]
 
 
 class AcousticState(eqx.Module):
-    """Of unit variance: slow errors across and along, and the burst; whether fixes are invalid, bool."""
+    """Of unit variance: slow errors across and along, and the burst; whether fixes are invalid."""
 
-    across: Array
-    along: Array
-    burst: Array
-    out: Array
+    across: Scalar
+    along: Scalar
+    burst: Scalar
+    out: Flag
 
 
 class AcousticErrors(eqx.Module):
@@ -36,19 +37,19 @@ class AcousticErrors(eqx.Module):
         along_memory: Its time constant [s].
         burst: Error of the bearing of the first fix after a gap [rad].
         burst_memory: Its time constant [s].
-        gap_rate: Gaps per second of valid fixes: close by, and more per metre of range, shape (2,).
-        gap_length: Mean length [s]: close by, and more per metre of range, shape (2,).
+        gap_rate: Gaps per second of valid fixes: close by, and more per metre of range.
+        gap_length: Mean length [s]: close by, and more per metre of range.
     """
 
-    across: Array = eqx.field(converter=as_array, default=0.45)
-    bearing: Array = eqx.field(converter=as_array, default=0.041)
-    across_memory: Array = eqx.field(converter=as_array, default=30.0)
-    along: Array = eqx.field(converter=as_array, default=0.11)
-    along_memory: Array = eqx.field(converter=as_array, default=8.0)
-    burst: Array = eqx.field(converter=as_array, default=0.02)
-    burst_memory: Array = eqx.field(converter=as_array, default=3.0)
-    gap_rate: Array = eqx.field(converter=as_array, default_factory=lambda: np.array([0.020, 0.0006]))
-    gap_length: Array = eqx.field(converter=as_array, default_factory=lambda: np.array([1.4, 0.03]))
+    across: Scalar = eqx.field(converter=as_array, default=0.45)
+    bearing: Scalar = eqx.field(converter=as_array, default=0.041)
+    across_memory: Scalar = eqx.field(converter=as_array, default=30.0)
+    along: Scalar = eqx.field(converter=as_array, default=0.11)
+    along_memory: Scalar = eqx.field(converter=as_array, default=8.0)
+    burst: Scalar = eqx.field(converter=as_array, default=0.02)
+    burst_memory: Scalar = eqx.field(converter=as_array, default=3.0)
+    gap_rate: Vector2 = eqx.field(converter=as_array, default_factory=lambda: np.array([0.020, 0.0006]))
+    gap_length: Vector2 = eqx.field(converter=as_array, default_factory=lambda: np.array([1.4, 0.03]))
 
     def __check_init__(self) -> None:
         """Refuse what is no error."""
@@ -57,24 +58,24 @@ class AcousticErrors(eqx.Module):
         for name in ("across_memory", "along_memory", "burst_memory"):
             require_positive(f"errors.{name}", getattr(self, name))
 
-    def init(self, key: Array) -> AcousticState:
+    def init(self, key: PRNGKey) -> AcousticState:
         """Fixes are valid, with errors as they usually are."""
         across, along = jax.random.normal(key, (2,))
         return AcousticState(across, along, jnp.zeros(()), jnp.zeros((), dtype=bool))
 
     def step(
-        self, state: AcousticState, place: Array, key: Array, dt: Array | float
-    ) -> tuple[AcousticState, Array, Array]:
+        self, state: AcousticState, place: Vector2, key: PRNGKey, dt: ScalarLike
+    ) -> tuple[AcousticState, Vector2, Flag]:
         """The next fix.
 
         Args:
             state: Since the last one.
-            place: North and east of the locator, seen from the antenna [m], shape (2,).
+            place: North and east of the locator, seen from the antenna [m].
             key: Of this fix.
             dt: Since the last fix [s].
 
         Returns:
-            State, error (north, east) [m], shape (2,), and whether the fix is valid.
+            State, error (north, east) [m], and whether the fix is valid.
         """
         normal = jax.random.normal(key, (3,))
         chance = jax.random.uniform(jax.random.fold_in(key, 1))
@@ -96,7 +97,7 @@ class AcousticErrors(eqx.Module):
         return next_state, across * side + self.along * next_state.along * sight, ~out
 
 
-def _faded(value: Array, normal: Array, share: Array) -> Array:
+def _faded(value: Scalar, normal: Scalar, share: Scalar) -> Scalar:
     """A first-order process of unit variance after a share of its time constant."""
     kept = jnp.exp(-share)
     return kept * value + jnp.sqrt(1.0 - kept**2) * normal

@@ -9,6 +9,7 @@ from rovtwin.core.flow import Environment
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.core.sensors import EARTH_FIELD
+from rovtwin.core.types import Flag, Index, Scalar, Vector2, Vector3, Vector6
 from rovtwin.vehicle.physics import measurement
 from rovtwin.vehicle.physics.dynamics import State
 
@@ -18,31 +19,31 @@ class SensorInput(eqx.Module):
 
     Attributes:
         state: Of the vehicle after the step.
-        nu_dot: Rate of its nu, shape (6,) [m/s2, rad/s2]; needed by accelerometers only, and only when they tick.
-        k: Number of the physics step, int, from 0, never batched: the state is that at time (k + 1) dt.
+        nu_dot: Rate of its nu [m/s2, rad/s2]; needed by accelerometers only, and only when they tick.
+        k: Number of the physics step, from 0, never batched: the state is that at time (k + 1) dt.
         environment: What surrounded the vehicle during that step.
-        energy: Charge of the emptiest battery (0 to 1) and power drawn from all [W], shape (2,), or None without.
-        leak: Whether water comes in, bool, or None where it cannot.
+        energy: Charge of the emptiest battery (0 to 1) and power drawn from all [W], or None without.
+        leak: Whether water comes in, or None where it cannot.
     """
 
     state: State
-    nu_dot: Array
-    k: Array
+    nu_dot: Vector6
+    k: Index
     environment: Environment
-    energy: Array | None = None
-    leak: Array | None = None
+    energy: Vector2 | None = None
+    leak: Flag | None = None
 
 
 Ideal = Callable[[Any, SensorInput], Array]  # of a Sensor
 
 
-def _depth(sensor: Any, seen: SensorInput) -> Array:
+def _depth(sensor: Any, seen: SensorInput) -> Scalar:
     """Pressure as a depth: with the waves' dynamic pressure where there is one."""
     still = measurement.depth(seen.state, sensor.lever)
     return still if seen.environment.head is None else still + seen.environment.head
 
 
-def range_along(axis: int, sensor: Any, seen: SensorInput) -> Array:
+def range_along(axis: int, sensor: Any, seen: SensorInput) -> Scalar:
     """Distance to the floor along one of the sensor's axes [m], scalar; infinite in a world without a floor."""
     floor, slope = seen.environment.floor, seen.environment.slope
     if floor is None:
@@ -51,8 +52,8 @@ def range_along(axis: int, sensor: Any, seen: SensorInput) -> Array:
     return measurement.range_to_floor(seen.state, sensor.lever, beam_first, floor, slope)
 
 
-def _magnetic_field(sensor: Any, seen: SensorInput) -> Array:
-    """The Earth's field F along the sensor's axes [uT], shape (3,), by inclination I and declination D.
+def _magnetic_field(sensor: Any, seen: SensorInput) -> Vector3:
+    """The Earth's field F along the sensor's axes [uT], by inclination I and declination D.
 
         m = R_ns^T F [cos I cos D, cos I sin D, sin I]
 

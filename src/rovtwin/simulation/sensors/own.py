@@ -3,12 +3,14 @@
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.block import Block
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array
 from rovtwin.core.sensors import SensorKind
+from rovtwin.core.types import Matrix3, Scalar, Vector3
 from rovtwin.simulation.sensors.kinds import SensorInput
 from rovtwin.vehicle.physics import measurement
 from rovtwin.vehicle.physics.dynamics import State
@@ -19,19 +21,19 @@ class OwnSensorInput(eqx.Module):
 
     Attributes:
         time: Since the start [s], scalar.
-        position: Of the sensor, n [m], shape (3,).
-        rotation: R_ns, maps its axes to n, shape (3, 3).
+        position: Of the sensor, n [m].
+        rotation: R_ns, maps its axes to n.
         state: Of the vehicle.
         environment: What surrounds the vehicle.
         site: What `SensorKind.world` names of the place, or None.
     """
 
-    time: Array
-    position: Array
-    rotation: Array
+    time: Scalar
+    position: Vector3
+    rotation: Matrix3
     state: State
     environment: Environment
-    site: Array | None = None
+    site: Float[Array, " k"] | None = None
 
 
 def seen_at(sensor: Any, seen: SensorInput, dt: float) -> OwnSensorInput:

@@ -10,6 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
@@ -17,6 +18,7 @@ from rovtwin.core.flow import Slot
 from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.core.sensors import ESSENTIAL, SENSORS, SensorKind
+from rovtwin.core.types import Flag, Matrix3, PRNGKey, RawKey, Scalar, Vector3
 from rovtwin.simulation.checks import (
     require,
     require_finite,
@@ -45,16 +47,16 @@ class Wear(eqx.Module):
     """What a reading leaves behind.
 
     Attributes:
-        wander: Bias that walks, shape (n,).
-        last: The last valid reading, shape (n,), or None where the sensor never freezes.
-        known: Whether there was one, bool, or None.
+        wander: Bias that walks.
+        last: The last valid reading, or None where the sensor never freezes.
+        known: Whether there was one, or None.
         acoustic: Of an acoustic position's errors, or None.
         own: Memory of the block that is a sensor of one's own, or None.
     """
 
-    wander: Array
-    last: Array | None
-    known: Array | None
+    wander: Float[Array, " n"]
+    last: Float[Array, " n"] | None
+    known: Flag | None
     acoustic: AcousticState | None = None
     own: Any = None
 
@@ -62,7 +64,7 @@ class Wear(eqx.Module):
 class SensorMemory(eqx.Module):
     """Key; what the last reading left; readings under way, capacity as many as the latency holds, or None."""
 
-    key: Array
+    key: RawKey
     wear: Wear
     under_way: Slot | None
 
@@ -80,24 +82,24 @@ class Sensor(Block):
     Attributes:
         kind: A row of `core.sensors.SENSORS`, which says what it reads, in which unit and frame; of one's own its name.
         row: That row.
-        rate: Millihertz, int.
-        physics_rate: Of the clock k, millihertz, int.
-        latency_steps: Physics steps from a reading to its delivery, int.
-        noise: Standard deviation of white noise, shape (n,).
-        bias: Constant, shape (n,).
-        bias_walk: Intensity of the bias's random walk, per sqrt(s), shape (n,).
+        rate: Millihertz.
+        physics_rate: Of the clock k, millihertz.
+        latency_steps: Physics steps from a reading to its delivery.
+        noise: Standard deviation of white noise.
+        bias: Constant.
+        bias_walk: Intensity of the bias's random walk, per sqrt(s).
         clock_drift: Relative error of its clock's rate.
         clock_offset: Its clock at time zero [s]: t_valid = (1 + drift) t + offset.
         dropout: Probability that a reading is lost.
         outlier: Probability that a reading that comes is an outlier.
         outlier_size: Length of what an outlier adds, in a direction drawn uniformly.
-        blackouts: Spans of true time without readings, from (included) to (excluded) [s], shape (m, 2).
+        blackouts: Spans of true time without readings, from (included) to (excluded) [s].
         offsets: Bias within spans of time, or None.
-        frozen: Spans in which it repeats its last reading, with new time stamps [s], shape (m, 2), or None.
+        frozen: Spans in which it repeats its last reading, with new time stamps [s], or None.
         min_range: Of an altimeter and a DVL [m]; nearer to the floor there is no reading.
         max_range: The same, farther away. A DVL in a world without a floor always reads.
-        lever: Its place seen from CO, b [m], shape (3,).
-        rotation: R_bs, maps its axes to b, shape (3, 3).
+        lever: Its place seen from CO, b [m].
+        rotation: R_bs, maps its axes to b.
         errors: Of an acoustic position, beside the rest; or None.
         site: What it reads of the place (`row.world`), or None.
         own: Block that gives the ideal reading of a sensor of one's own, or None.
@@ -108,23 +110,23 @@ class Sensor(Block):
     rate: int = eqx.field(static=True)
     physics_rate: int = eqx.field(static=True)
     latency_steps: int = eqx.field(static=True)
-    noise: Array
-    bias: Array
-    bias_walk: Array
-    clock_drift: Array
-    clock_offset: Array
-    dropout: Array
-    outlier: Array
-    outlier_size: Array
-    blackouts: Array
+    noise: Float[Array, " n"]
+    bias: Float[Array, " n"]
+    bias_walk: Float[Array, " n"]
+    clock_drift: Scalar
+    clock_offset: Scalar
+    dropout: Scalar
+    outlier: Scalar
+    outlier_size: Scalar
+    blackouts: Float[Array, "m 2"]
     offsets: Offsets | None
-    frozen: Array | None
-    min_range: Array
-    max_range: Array
-    lever: Array
-    rotation: Array
+    frozen: Float[Array, "f 2"] | None
+    min_range: Scalar
+    max_range: Scalar
+    lever: Vector3
+    rotation: Matrix3
     errors: AcousticErrors | None
-    site: Array | None
+    site: Float[Array, " k"] | None
     own: Block | None
 
     def __init__(
@@ -182,7 +184,7 @@ class Sensor(Block):
         self.site = None if site is None else as_array(site)
         self._check(as_array(latency))
 
-    def _check(self, latency: Array) -> None:
+    def _check(self, latency: Scalar) -> None:
         kind, R = self.kind, self.rotation
         if self.errors is not None and not (kind == "position" and isinstance(self.errors, AcousticErrors)):
             raise ConfigError(
@@ -235,7 +237,7 @@ class Sensor(Block):
         """The largest number of readings that any `steps` successive physics steps deliver."""
         return -(-steps * self.rate // self.physics_rate)
 
-    def init(self, key: Array, start: Start) -> SensorMemory:
+    def init(self, key: PRNGKey, start: Start) -> SensorMemory:
         """No wander yet, nothing under way."""
         under_way = Slot.empty(self.capacity(self.latency_steps + 1), self.size) if self.latency_steps else None
         freezes = self.frozen is not None
@@ -317,7 +319,7 @@ class Sensor(Block):
         t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
         return Wear(wander, last, known, acoustic, own), Slot(value[None], valid[None], t_valid[None])
 
-    def _ideal(self, own: Any, input: SensorInput, dt: float) -> tuple[Any, Array]:
+    def _ideal(self, own: Any, input: SensorInput, dt: float) -> tuple[Any, Float[Array, " n"]]:
         """Memory of a block of one's own, and the reading without any error."""
         if self.own is None:
             return None, IDEAL[self.kind](self, input)
@@ -332,15 +334,15 @@ def _row(kind: str, own: Block | None) -> SensorKind:
     return SENSORS[kind]
 
 
-def _draw(key: Array, n: int) -> tuple[Array, Array]:
-    """Standard normal numbers, shape (3, n), and uniform ones in (0, 1), shape (2,), from one call: half the time."""
+def _draw(key: RawKey, n: int) -> tuple[Float[Array, "3 {n}"], Float[Array, "2"]]:
+    """Standard normal numbers, and uniform ones in (0, 1), from one call: half the time."""
     least = float(np.nextafter(-1.0, 0.0))
     u = jax.random.uniform(key, (3 * n + 2,), minval=least, maxval=1.0)
     return (jnp.sqrt(2.0) * jax.lax.erf_inv(u[: 3 * n])).reshape(3, n), 0.5 * (1.0 + u[3 * n :])
 
 
-def put(slots: Slot, one: Slot, here: Array) -> Slot:
-    """`slots` with the rows where `here`, shape (capacity,), is True replaced by the row of `one` (capacity 1)."""
+def put(slots: Slot, one: Slot, here: Bool[Array, " capacity"]) -> Slot:
+    """`slots` with the rows where `here` is True replaced by the row of `one` (capacity 1)."""
     return Slot(
         jnp.where(here[:, None], one.value, slots.value),
         jnp.where(here, one.valid, slots.valid),

@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array, module_for
@@ -12,14 +13,14 @@ from rovtwin.simulation.checks import require_finite
 
 
 class Offsets(eqx.Module):
-    """A bias that comes and goes: `value`, shape (m, n), within each of `spans`, shape (m, 2) [s]."""
+    """A bias that comes and goes: `value`, within each of `spans` [s]."""
 
-    spans: Array
-    value: Array
+    spans: Float[Array, "m 2"]
+    value: Float[Array, "m n"]
 
 
-def spans_of(given: Any) -> Array:
-    """Spans of time as an array, shape (m, 2), of any number of them."""
+def spans_of(given: Any) -> Float[Array, "m 2"]:
+    """Spans of time as an array of any number of them."""
     return as_array(module_for(given).reshape(given, (-1, 2)))
 
 
@@ -34,8 +35,8 @@ def offsets_of(where: str, given: Sequence[tuple[float, float, Any]], size: int)
     return Offsets(spans_of([(begin, end) for begin, end, _ in given]), value)
 
 
-def per_axis(where: str, value: Any, size: int) -> Array:
-    """A number for all axes, or one for each, as shape (size,).
+def per_axis(where: str, value: Any, size: int) -> Float[Array, " {size}"]:
+    """One number for each axis, of one for all or one for each.
 
     Raises:
         ConfigError: Another number of them.

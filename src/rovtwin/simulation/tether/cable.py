@@ -18,8 +18,10 @@ ch. 3 (drag of inclined cylinders).
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Matrix3, Scalar, ScalarLike, Vector3
 from rovtwin.vehicle.constants import FRESH_WATER, FRICTION, GRAVITY, SLIDING_SPEED
 
 SLOWEST = 0.01  # below this speed drag is linear: a 5 mm cylinder at 1 cm/s has a Reynolds number of 50 [m/s]
@@ -48,47 +50,53 @@ class Cable(eqx.Module):
         floor: Depth z in n of the floor [m], or None.
     """
 
-    diameter: Array = eqx.field(converter=as_array)
-    wet_weight: Array = eqx.field(converter=as_array, default=0.0)
-    normal_drag: Array = eqx.field(converter=as_array, default=1.2)
-    tangential_drag: Array = eqx.field(converter=as_array, default=0.015)
-    stiffness: Array = eqx.field(converter=as_array, default=2e4)
-    density: Array = eqx.field(converter=as_array, default=FRESH_WATER)
-    surface: Array | None = None
-    floor: Array | None = None
+    diameter: Scalar = eqx.field(converter=as_array)
+    wet_weight: Scalar = eqx.field(converter=as_array, default=0.0)
+    normal_drag: Scalar = eqx.field(converter=as_array, default=1.2)
+    tangential_drag: Scalar = eqx.field(converter=as_array, default=0.015)
+    stiffness: Scalar = eqx.field(converter=as_array, default=2e4)
+    density: Scalar = eqx.field(converter=as_array, default=FRESH_WATER)
+    surface: Scalar | None = None
+    floor: Scalar | None = None
 
 
 class Pin(eqx.Module):
-    """What holds a node from outside: `stiffness` per node [N/m], shape (N + 1,), towards `place` in n, shape (3,)."""
+    """What holds a node from outside: `stiffness` per node [N/m], towards `place` in n."""
 
-    stiffness: Array
-    place: Array
+    stiffness: Float[Array, " nodes"]
+    place: Vector3
 
 
 class Balance(eqx.Module):
     """Forces on the nodes, and minus their rate of change with the nodes' places.
 
     Attributes:
-        force: In n [N], shape (N + 1, 3).
-        own: Of a node with its own place [N/m], shape (N + 1, 3, 3).
-        links: Of the two ends of a segment with each other's place [N/m], shape (N, 3, 3).
+        force: In n [N].
+        own: Of a node with its own place [N/m].
+        links: Of the two ends of a segment with each other's place [N/m].
     """
 
-    force: Array
-    own: Array
-    links: Array
+    force: Float[Array, "nodes 3"]
+    own: Float[Array, "nodes 3 3"]
+    links: Float[Array, "segments 3 3"]
 
 
 def balance(
-    cable: Cable, nodes: Array, before: Array, water: Array, length: Array, dt: Array | float, pin: Pin | None = None
+    cable: Cable,
+    nodes: Float[Array, "nodes 3"],
+    before: Float[Array, "nodes 3"],
+    water: Float[Array, "nodes 3"],
+    length: Scalar,
+    dt: ScalarLike,
+    pin: Pin | None = None,
 ) -> Balance:
     """Forces on all nodes of a cable that got from `before` to `nodes` within dt.
 
     Args:
         cable: Its properties.
-        nodes: In n [m], shape (N + 1, 3).
-        before: Where they were dt earlier [m], shape (N + 1, 3).
-        water: Velocity of the water at the nodes, n [m/s], shape (N + 1, 3).
+        nodes: In n [m].
+        before: Where they were dt earlier [m].
+        water: Velocity of the water at the nodes, n [m/s].
         length: Unstretched, of the whole cable [m].
         dt: [s].
         pin: What else holds it.
@@ -117,14 +125,16 @@ _DOWN_DOWN = np.diag([0.0, 0.0, 1.0])
 _LEVEL = np.diag([1.0, 1.0, 0.0])
 
 
-def _at_ends(of_segments: Array, sign: float) -> Array:
+def _at_ends(of_segments: Float[Array, " segments *axes"], sign: float) -> Float[Array, " nodes *axes"]:
     """What each segment does to its two ends, summed per node; `sign` is that of the end further from the anchor."""
     none = jnp.zeros_like(of_segments[:1])
     return jnp.concatenate([of_segments, none]) + sign * jnp.concatenate([none, of_segments])
 
 
-def _tension(cable: Cable, edges: Array, segment: Array) -> tuple[Array, Array]:
-    """Pull of each segment on its end towards the anchor, shape (N, 3), and its stiffness, shape (N, 3, 3)."""
+def _tension(
+    cable: Cable, edges: Float[Array, "segments 3"], segment: Scalar
+) -> tuple[Float[Array, "segments 3"], Float[Array, "segments 3 3"]]:
+    """Pull of each segment on its end towards the anchor, and its stiffness."""
     long = jnp.sqrt(jnp.sum(edges * edges, axis=1) + TINY)
     along = edges / long[:, None]
     tension, rate = _stretched(cable, long, segment)
@@ -134,21 +144,25 @@ def _tension(cable: Cable, edges: Array, segment: Array) -> tuple[Array, Array]:
     return tension[:, None] * along, links
 
 
-def _stretched(cable: Cable, long: Array, segment: Array) -> tuple[Array, Array]:
+def _stretched(
+    cable: Cable, long: Float[Array, " segments"], segment: Scalar
+) -> tuple[Float[Array, " segments"], Float[Array, " segments"]]:
     """Tension of segments so long [N], and its rate with their length [N/m]; none where they are slack."""
     strain = jnp.maximum(long / segment - 1.0, 0.0)
     bent = jnp.minimum(strain, TOE)
     return cable.stiffness * (strain - bent + 0.5 * bent * bent / TOE), cable.stiffness / segment * bent / TOE
 
 
-def _drag(cable: Cable, edges: Array, flow: Array, span: Array) -> tuple[Array, Array]:
-    """Drag at the nodes, across and along the cable each on its own, shape (N + 1, 3); and its rate, (N + 1, 3, 3).
+def _drag(
+    cable: Cable, edges: Float[Array, "segments 3"], flow: Float[Array, "nodes 3"], span: Float[Array, " nodes"]
+) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3 3"]]:
+    """Drag at the nodes, across and along the cable each on its own; and its rate with the flow.
 
     Args:
         cable: Its properties.
-        edges: From node to node [m], shape (N, 3).
-        flow: Of the water past the nodes [m/s], shape (N + 1, 3).
-        span: Length that each node stands for [m], shape (N + 1,).
+        edges: From node to node [m].
+        flow: Of the water past the nodes [m/s].
+        span: Length that each node stands for [m].
     """
     through = jnp.concatenate([edges[:1], edges[1:] + edges[:-1], edges[-1:]])
     tangent = through / jnp.sqrt(jnp.sum(through * through, axis=1, keepdims=True) + TINY)
@@ -171,8 +185,10 @@ def _drag(cable: Cable, edges: Array, flow: Array, span: Array) -> tuple[Array, 
     return force, rate
 
 
-def _vertical(cable: Cable, z: Array, span: Array) -> tuple[Array, Array, Array]:
-    """Weight less buoyancy, shape (N + 1, 1); how it holds a floating cable, and how wet it is, shapes (N + 1,)."""
+def _vertical(
+    cable: Cable, z: Float[Array, " nodes"], span: Float[Array, " nodes"]
+) -> tuple[Float[Array, "nodes 1"], Float[Array, " nodes"], Float[Array, " nodes"]]:
+    """Weight less buoyancy; how it holds a floating cable, and how wet it is."""
     if cable.surface is None:
         return (cable.wet_weight * span)[:, None], jnp.zeros_like(z), jnp.ones_like(z)
     displaced = cable.density * GRAVITY * 0.25 * jnp.pi * cable.diameter**2
@@ -184,8 +200,14 @@ def _vertical(cable: Cable, z: Array, span: Array) -> tuple[Array, Array, Array]
 
 
 def _on_floor(
-    floor: Array, nodes: Array, before: Array, span: Array, dt: Array | float, force: Array, own: Array
-) -> tuple[Array, Array]:
+    floor: Scalar,
+    nodes: Float[Array, "nodes 3"],
+    before: Float[Array, "nodes 3"],
+    span: Float[Array, " nodes"],
+    dt: ScalarLike,
+    force: Float[Array, "nodes 3"],
+    own: Float[Array, "nodes 3 3"],
+) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3 3"]]:
     """Adds the floor's push and friction; friction is smooth through zero speed, so that a cable creeps."""
     deep = nodes[:, 2] - floor
     push = FLOOR_STIFFNESS * span * jnp.maximum(deep, 0.0)
@@ -196,11 +218,11 @@ def _on_floor(
     return force, own + (brake / dt)[:, None, None] * _LEVEL + hold[:, None, None] * _DOWN_DOWN
 
 
-def _outer(vectors: Array) -> Array:
+def _outer(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
     return vectors[:, :, None] * vectors[:, None, :]
 
 
-def inverse(matrix: Array) -> Array:
+def inverse(matrix: Matrix3) -> Matrix3:
     """Of a symmetric 3x3 matrix, by cofactors: LAPACK would be called out of the compiled loop."""
     (a, b, c), (_, d, e), (_, _, f) = matrix
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
@@ -208,15 +230,17 @@ def inverse(matrix: Array) -> Array:
     return jnp.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc]).reshape(3, 3) / (a * aa + b * ab + c * ac)
 
 
-def solve(forces: Balance) -> tuple[Array, Array, Array]:
+def solve(forces: Balance) -> tuple[Float[Array, "nodes 3"], Vector3, Matrix3]:
     """One Newton step with both ends held: block elimination from the anchor, then back.
 
     Returns:
-        How the nodes must move, shape (N + 1, 3), zero at the ends; force of the cable on what holds its last node
-        once they have [N], shape (3,); minus the rate of that force with the place of the last node [N/m], (3, 3).
+        How the nodes must move, zero at the ends; force of the cable on what holds its last node
+        once they have [N]; minus the rate of that force with the place of the last node [N/m].
     """
 
-    def eliminate(carry: tuple[Array, Array], node: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    def eliminate(
+        carry: tuple[Matrix3, Vector3], node: tuple
+    ) -> tuple[tuple[Matrix3, Vector3], tuple[Matrix3, Vector3]]:
         (pivot, force), (link, own, push) = carry, node
         freed = inverse(pivot)
         passed = link @ freed
@@ -226,7 +250,7 @@ def solve(forces: Balance) -> tuple[Array, Array, Array]:
     rest = forces.links[1:], forces.own[2:], forces.force[2:]
     (stiffness, end), (freed, pushed) = jax.lax.scan(eliminate, first, rest)
 
-    def back(next_move: Array, node: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    def back(next_move: Vector3, node: tuple[Matrix3, Vector3, Matrix3]) -> tuple[Vector3, Vector3]:
         inverted, push, link = node
         move = inverted @ (push + link @ next_move)
         return move, move
@@ -238,14 +262,14 @@ def solve(forces: Balance) -> tuple[Array, Array, Array]:
 
 def advance(
     cable: Cable,
-    guess: Array,
-    before: Array,
-    water: Array,
-    length: Array,
-    dt: Array | float,
+    guess: Float[Array, "nodes 3"],
+    before: Float[Array, "nodes 3"],
+    water: Float[Array, "nodes 3"],
+    length: Scalar,
+    dt: ScalarLike,
     iterations: int,
     pin: Pin | None = None,
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Float[Array, "nodes 3"], Vector3, Matrix3, Scalar]:
     """The shape dt after `before`.
 
     Iterates until no tension differs by more than `ENOUGH` from what the linear equations took it to be: while nothing
@@ -253,9 +277,9 @@ def advance(
 
     Args:
         cable: Its properties.
-        guess: Of the shape, with its ends where they are then, n [m], shape (N + 1, 3).
-        before: Nodes dt earlier [m], shape (N + 1, 3).
-        water: Velocity of the water at the nodes, n [m/s], shape (N + 1, 3).
+        guess: Of the shape, with its ends where they are then, n [m].
+        before: Nodes dt earlier [m].
+        water: Velocity of the water at the nodes, n [m/s].
         length: Unstretched, of the whole cable [m].
         dt: [s].
         iterations: At most.
@@ -281,7 +305,7 @@ def advance(
     return jax.lax.scan(again, start, None, length=iterations)[0]
 
 
-def _misjudged(cable: Cable, nodes: Array, move: Array, segment: Array) -> Array:
+def _misjudged(cable: Cable, nodes: Float[Array, "nodes 3"], move: Float[Array, "nodes 3"], segment: Scalar) -> Scalar:
     """Largest difference between a tension after a move and what the linear equations took it to be [N]."""
     edges, moves = nodes[1:] - nodes[:-1], move[1:] - move[:-1]
     long = jnp.sqrt(jnp.sum(edges * edges, axis=1) + TINY)

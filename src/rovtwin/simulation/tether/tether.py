@@ -19,11 +19,13 @@ from collections.abc import Callable
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Flag, Matrix3, PRNGKey, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.simulation.checks import require, require_finite, require_not_negative, require_positive, require_shape
 from rovtwin.simulation.tether.cable import Cable, Pin, advance
 from rovtwin.vehicle.physics.dynamics import State
@@ -41,33 +43,33 @@ class TetherInput(eqx.Module):
 
     Attributes:
         state: Of the vehicle, at the start of the tick.
-        water: Velocity of the water at the nodes in its memory, n [m/s], shape (segments + 1, 3).
-        snagged: Whether it is caught, bool; from when it is, to when it is not, one place along it stays where it was.
+        water: Velocity of the water at the nodes in its memory, n [m/s].
+        snagged: Whether it is caught; from when it is, to when it is not, one place along it stays where it was.
     """
 
     state: State
-    water: Array
-    snagged: Array
+    water: Float[Array, "nodes 3"]
+    snagged: Flag
 
 
 class Line(eqx.Module):
     """A tether at one instant: what a log shows of it.
 
     Attributes:
-        nodes: From anchor to vehicle, n [m], shape (segments + 1, 3).
-        force: On the vehicle, n [N], shape (3,).
+        nodes: From anchor to vehicle, n [m].
+        force: On the vehicle, n [N].
         length: Paid out [m].
         misjudged: By how much a tension differs from what balances the others [N]: below 0.05 but in a jerk that the
             iterations of a tick did not see to its end; the next ticks do.
     """
 
-    nodes: Array
-    force: Array
-    length: Array
-    misjudged: Array
+    nodes: Float[Array, "nodes 3"]
+    force: Vector3
+    length: Scalar
+    misjudged: Scalar
 
     @property
-    def tension(self) -> Array:
+    def tension(self) -> Float[Array, " *axes"]:
         """At the vehicle [N]."""
         return jnp.sqrt(jnp.sum(self.force * self.force, axis=-1))
 
@@ -77,15 +79,15 @@ class TetherMemory(eqx.Module):
 
     Attributes:
         line: As it is.
-        moves: Of the nodes in the last tick [m], shape (segments + 1, 3): the next shape is sought further on.
-        snagged: Whether it is caught, bool.
-        caught_at: Where it was caught last, n [m], shape (3,).
+        moves: Of the nodes in the last tick [m]: the next shape is sought further on.
+        snagged: Whether it is caught.
+        caught_at: Where it was caught last, n [m].
     """
 
     line: Line
-    moves: Array
-    snagged: Array
-    caught_at: Array
+    moves: Float[Array, "nodes 3"]
+    snagged: Flag
+    caught_at: Vector3
 
 
 class Pull(eqx.Module):
@@ -93,15 +95,15 @@ class Pull(eqx.Module):
 
     Attributes:
         line: At the end of the tick, the vehicle at the expected place.
-        stiffness: K, minus the rate of the force with that place [N/m], shape (3, 3).
-        place: Of the attachment at the start of the tick, n [m], shape (3,).
-        velocity: Of the attachment there, n [m/s], shape (3,).
+        stiffness: K, minus the rate of the force with that place [N/m].
+        place: Of the attachment at the start of the tick, n [m].
+        velocity: Of the attachment there, n [m/s].
     """
 
     line: Line
-    stiffness: Array
-    place: Array
-    velocity: Array
+    stiffness: Matrix3
+    place: Vector3
+    velocity: Vector3
 
 
 class Tether(Block):
@@ -109,20 +111,20 @@ class Tether(Block):
 
     Attributes:
         cable: What it is made of.
-        anchor: Where its upper end is held (boat, quay), n [m], shape (3,).
-        attachment: Its place on the vehicle from CO, b [m], shape (3,).
+        anchor: Where its upper end is held (boat, quay), n [m].
+        attachment: Its place on the vehicle from CO, b [m].
         length: Paid out, or, where it is tended, on the drum: the most that can be [m].
         slack: Paid-out length over the distance, 1 or more, where somebody tends it; None: the length stays.
-        segments: Of the chain, int.
-        iterations: Of Newton's method in a tick at most, int; one is enough in most.
-        snag: Which node, from 1 to segments - 1, stays where it is when the tether is caught, int.
+        segments: Of the chain.
+        iterations: Of Newton's method in a tick at most; one is enough in most.
+        snag: Which node, from 1 to segments - 1, stays where it is when the tether is caught.
     """
 
     cable: Cable
-    anchor: Array = eqx.field(converter=as_array)
-    attachment: Array = eqx.field(converter=as_array)
-    length: Array = eqx.field(converter=as_array)
-    slack: Array | None = None
+    anchor: Vector3 = eqx.field(converter=as_array)
+    attachment: Vector3 = eqx.field(converter=as_array)
+    length: Scalar = eqx.field(converter=as_array)
+    slack: Scalar | None = None
     segments: int = eqx.field(static=True, default=19)
     iterations: int = eqx.field(static=True, default=6)
     snag: int = eqx.field(static=True, default=9)
@@ -144,27 +146,27 @@ class Tether(Block):
         if not 0 < self.snag < self.segments:
             raise ConfigError(f"Tether.snag: found {self.snag}, expected a node from 1 to {self.segments - 1}")
 
-    def init(self, key: Array, start: Start) -> TetherMemory:
+    def init(self, key: PRNGKey, start: Start) -> TetherMemory:
         """Settled in still water."""
         return self.settled(start, jnp.zeros_like)
 
-    def paid_out_at(self, start: Start) -> Array:
+    def paid_out_at(self, start: Start) -> Scalar:
         """Length paid out where the vehicle begins [m]."""
         return self._paid_out(start.position + rotation_from_quaternion(start.attitude) @ self.attachment)
 
-    def settled(self, start: Start, water_at: Callable[[Array], Array]) -> TetherMemory:
+    def settled(self, start: Start, water_at: Callable[[Float[Array, "k 3"]], Float[Array, "k 3"]]) -> TetherMemory:
         """Memory before the first tick: the shape to which current and weight bring the cable while the vehicle waits.
 
         Args:
             start: Where the vehicle is.
-            water_at: Velocity of the water at places in n, shapes (k, 3) and (k, 3).
+            water_at: Velocity of the water at places in n.
         """
         place = start.position + rotation_from_quaternion(start.attitude) @ self.attachment
         length = self._paid_out(place)
         middle = 0.5 * (self.anchor + place)
         nodes = self._tent(place, length, water_at(middle[None])[0])
 
-        def settle(line: Line, dt: Array) -> tuple[Line, None]:
+        def settle(line: Line, dt: Scalar) -> tuple[Line, None]:
             water = water_at(line.nodes)
             nodes, force, _, misjudged = advance(self.cable, line.nodes, line.nodes, water, length, dt, 2)
             return Line(nodes, force, length, misjudged), None
@@ -190,8 +192,8 @@ class Tether(Block):
         line = Line(nodes, force, length, misjudged)
         return TetherMemory(line, nodes - before, input.snagged, caught_at), Pull(line, stiffness, place, velocity)
 
-    def wrench(self, pull: Pull, state: State, elapsed: Array | float, h: float) -> Array:
-        """Wrench of the tether on the vehicle over one physics step of h, b at CO [N, N m], shape (6,).
+    def wrench(self, pull: Pull, state: State, elapsed: ScalarLike, h: float) -> Vector6:
+        """Wrench of the tether on the vehicle over one physics step of h, b at CO [N, N m].
 
         Args:
             pull: Of the tick.
@@ -205,27 +207,27 @@ class Tether(Block):
         force = (pull.line.force - pull.stiffness @ off) @ rotation_from_quaternion(state.attitude)
         return jnp.concatenate([force, cross(self.attachment, force)])
 
-    def _attachment(self, state: State) -> tuple[Array, Array]:
-        """Its place and velocity in n, shapes (3,)."""
+    def _attachment(self, state: State) -> tuple[Vector3, Vector3]:
+        """Its place and velocity in n."""
         R_nb = rotation_from_quaternion(state.attitude)
         velocity = state.nu[:3] + cross(state.nu[3:], self.attachment)
         return state.position + R_nb @ self.attachment, R_nb @ velocity
 
-    def _tended(self, length: Array, place: Array, dt: float) -> Array:
+    def _tended(self, length: Scalar, place: Vector3, dt: float) -> Scalar:
         """What is paid out a tick later: whoever tends it follows the vehicle no faster than a hand or a drum can."""
         if self.slack is None:
             return length
         change = self._paid_out(place) - length
         return length + jnp.clip(change, -HAULING_SPEED * dt, PAYING_OUT_SPEED * dt)
 
-    def _paid_out(self, place: Array) -> Array:
+    def _paid_out(self, place: Vector3) -> Scalar:
         if self.slack is None:
             return self.length
         chord = place - self.anchor
         desired = self.slack * jnp.sqrt(jnp.sum(chord * chord) + 1e-12)
         return jnp.minimum(jnp.maximum(desired, SHORTEST), self.length)
 
-    def _tent(self, place: Array, length: Array, water: Array) -> Array:
+    def _tent(self, place: Vector3, length: Scalar, water: Vector3) -> Float[Array, "nodes 3"]:
         """Two straight halves of the right length, bent to where weight and current would bend them."""
         chord = place - self.anchor
         distance = jnp.sqrt(jnp.sum(chord * chord) + 1e-12)

@@ -18,7 +18,7 @@ course or depth: these are limits, not what an autopilot reaches.
 Reference: Fossen (2021), ch. 6.5 (decoupled equations of motion), 9 (thrusters).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,11 +136,11 @@ def _way(
     quadratic = float(np.asarray(getattr(model, f"quadratic_damping_{side}"))[axis, axis])
     mass = float(np.asarray(model.inertia)[axis, axis])
 
-    def rate(t: float, x: np.ndarray) -> tuple[float, float]:
+    def rate(t: float, x: Sequence[float] | np.ndarray) -> tuple[float, float]:
         v = float(x[1])
         return v, (force(t) - (linear + quadratic * abs(v)) * v) / mass
 
-    def slow(t: float, x: np.ndarray) -> float:
+    def slow(t: float, x: Sequence[float] | np.ndarray) -> float:
         return float(x[1]) - until
 
     slow.terminal, slow.direction = True, -1.0  # type: ignore[attr-defined]  (as scipy wants them)

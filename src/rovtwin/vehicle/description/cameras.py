@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.description import schema
 from rovtwin.vehicle.description.vehicle import Vehicle
@@ -16,14 +17,14 @@ class Camera:
     Attributes:
         name: With the names of the parts it sits in, `port.camera`.
         lens: Its parameters.
-        position: Centre of projection in b at CO [m], shape (3,).
-        R_bc: Maps c to b, shape (3, 3).
+        position: Centre of projection in b at CO [m].
+        R_bc: Maps c to b.
     """
 
     name: str
     lens: Lens
-    position: np.ndarray
-    R_bc: np.ndarray
+    position: Float[np.ndarray, "3"]
+    R_bc: Float[np.ndarray, "3 3"]
 
 
 def cameras_of(vehicle: Vehicle) -> list[Camera]:

@@ -7,6 +7,7 @@ import re
 from typing import Annotated, Any
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import AfterValidator, BeforeValidator, WithJsonSchema
 
 _NUMBER = {"type": "number"}
@@ -38,7 +39,7 @@ def _numbers(value: Any, what: str, shapes: tuple[tuple[int, ...], ...], empty: 
     return array
 
 
-def inertia_matrix(value: list) -> np.ndarray:
+def inertia_matrix(value: list) -> Float[np.ndarray, "3 3"]:
     """Tensor (3, 3) of [xx, yy, zz], [xx, yy, zz, xy, xz, yz] or the matrix itself.
 
     xy, xz, yz are the matrix's off-diagonal elements, I_xy = -sum(m x y); some CAD programs print them negated.

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.sensors import SENSORS
 from rovtwin.vehicle.description.schema import Sensor, SensorFigures
@@ -17,16 +18,16 @@ class Instrument:
     Attributes:
         part: Its name with the parts that it sits in, `port.imu`.
         kind: A row of the table.
-        position: Its place seen from CO, b [m], shape (3,).
-        rotation: R_bs, maps its axes to b, shape (3, 3).
+        position: Its place seen from CO, b [m].
+        rotation: R_bs, maps its axes to b.
         figures: How well it measures, in SI; those of the file, else usual ones.
         spare: Whether it is on board but not read.
     """
 
     part: str
     kind: str
-    position: np.ndarray
-    rotation: np.ndarray
+    position: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"]
     figures: dict[str, Any]
     spare: bool
 

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import AXES
@@ -16,8 +17,13 @@ JITTER = 1e-8  # added to the diagonal of kernel matrices, whose elements are at
 _PUSHED = 1e-3  # of the largest lever or share of a thruster, below which none pushes along an axis
 
 
-def kernel_matrix(anchored: np.ndarray, inverse_lengths: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """k between two sets of places, shape (len(a), len(b)), of one part; arguments as the attributes of Discrepancy."""
+def kernel_matrix(
+    anchored: Float[np.ndarray, " inputs"],
+    inverse_lengths: Float[np.ndarray, " inputs"],
+    a: Float[np.ndarray, "m inputs"],
+    b: Float[np.ndarray, "n inputs"],
+) -> Float[np.ndarray, "m n"]:
+    """k between two sets of places, of one part; arguments as the attributes of Discrepancy."""
     a, b = a * inverse_lengths, b * inverse_lengths
     far = np.sum((a[:, None] - b[None]) ** 2, axis=2)
     free = np.sum((1.0 - anchored) * (a[:, None] - b[None]) ** 2, axis=2)
@@ -25,31 +31,35 @@ def kernel_matrix(anchored: np.ndarray, inverse_lengths: np.ndarray, a: np.ndarr
     return np.exp(-0.5 * far) - np.exp(-0.5 * (free + apart))
 
 
-def whitening(anchored: np.ndarray, inverse_lengths: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """L^-1 with K = L L' the kernel matrix of the centres, shape (m, m): k turned into m independent features."""
+def whitening(
+    anchored: Float[np.ndarray, " inputs"],
+    inverse_lengths: Float[np.ndarray, " inputs"],
+    centres: Float[np.ndarray, "m inputs"],
+) -> Float[np.ndarray, "m m"]:
+    """L^-1 with K = L L' the kernel matrix of the centres: k turned into m independent features."""
     K = kernel_matrix(anchored, inverse_lengths, centres, centres)
     return np.linalg.inv(np.linalg.cholesky(K + JITTER * np.eye(len(K))))
 
 
-def anchored_inputs(of: str) -> np.ndarray:
-    """Which inputs have to vanish for a part `of` motion or thrust to, shape (12,)."""
+def anchored_inputs(of: str) -> Float[np.ndarray, "12"]:
+    """Which inputs have to vanish for a part `of` motion or thrust to."""
     return np.repeat([1.0, 0.0] if of == "motion" else [0.0, 1.0], 6)
 
 
-def pushed(configuration: np.ndarray) -> np.ndarray:
-    """Axes along which some thruster pushes, shape (6,); `configuration` is T, shape (6, n)."""
+def pushed(configuration: Float[np.ndarray, "6 n"]) -> Bool[np.ndarray, "6"]:
+    """Axes along which some thruster pushes; `configuration` is T."""
     size = np.abs(configuration)
     return np.any(size > _PUSHED * size.max(initial=1e-12), axis=1) if size.size else np.zeros(6, bool)
 
 
 def discrepancy_arrays(
-    found: LearnedDiscrepancy, configuration: np.ndarray, where: str, ratio: float = 1.0
+    found: LearnedDiscrepancy, configuration: Float[np.ndarray, "6 n"], where: str, ratio: float = 1.0
 ) -> dict[str, np.ndarray]:
     """Fields of a Discrepancy from what a vehicle file holds.
 
     Args:
         found: The block `identified.discrepancy`.
-        configuration: T of the vehicle's thrusters, shape (6, n).
+        configuration: T of the vehicle's thrusters.
         where: File name, for messages.
         ratio: Density of the water over that of the file's: forces of motion grow with it.
 
@@ -66,7 +76,9 @@ def discrepancy_arrays(
     return columns | {"along": along, "speeds": np.array(found.speeds)}
 
 
-def _part(part: DiscrepancyPart, able: np.ndarray, where: str, most: int, ratio: float) -> dict[str, np.ndarray]:
+def _part(
+    part: DiscrepancyPart, able: Bool[np.ndarray, "6"], where: str, most: int, ratio: float
+) -> dict[str, np.ndarray]:
     """Fields of Discrepancy of one part, without `along`; places beyond its own are zero and count nothing."""
     of_motion = part.of == "motion"
     inverse = np.array([0.0 if length is None else 1.0 / length for length in part.lengths])
@@ -103,7 +115,9 @@ def _part(part: DiscrepancyPart, able: np.ndarray, where: str, most: int, ratio:
     }
 
 
-def discrepancy_from(found: LearnedDiscrepancy, configuration: np.ndarray, where: str, ratio: float) -> "Discrepancy":
+def discrepancy_from(
+    found: LearnedDiscrepancy, configuration: Float[np.ndarray, "6 n"], where: str, ratio: float
+) -> "Discrepancy":
     """Arrays of what a vehicle file holds; arguments and errors as of `discrepancy_arrays`."""
     from rovtwin.core.numerics import as_array
     from rovtwin.vehicle.physics.discrepancy import Discrepancy

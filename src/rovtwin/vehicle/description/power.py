@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.description.schema import Body, Thruster
 from rovtwin.vehicle.description.thruster_arrays import thrust_limits
@@ -98,8 +99,8 @@ def _around(path: str, batteries: Collection[str]) -> str | None:
     return max((owner for owner in batteries if f"{path}.".startswith(f"{owner}.")), key=len, default=None)
 
 
-def specific_power(thrusters: Sequence[Mounted], supply_voltage: float | None = None) -> np.ndarray:
-    """c of each thruster, ahead and astern, shape (n, 2) [W/N^1.5], from its power at full force or as a T200's.
+def specific_power(thrusters: Sequence[Mounted], supply_voltage: float | None = None) -> Float[np.ndarray, "n 2"]:
+    """c of each thruster, ahead and astern [W/N^1.5], from its power at full force or as a T200's.
 
     Args:
         thrusters: Of an assembly.

@@ -4,6 +4,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files import files as given
@@ -13,8 +14,8 @@ KGF = 9.80665  # [N]
 PWM_NEUTRAL, PWM_RANGE = 1500.0, 400.0
 
 
-def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
-    """Voltage [V] and points (command, force [N]), shape (k, 2), of a bollard test as Blue Robotics publishes them.
+def read_bollard_csv(path: Path) -> tuple[float, Float[np.ndarray, "k 2"]]:
+    """Voltage [V] and points (command, force [N]) of a bollard test as Blue Robotics publishes them.
 
     Columns PWM [us] (1100 to 1900 is command -1 to 1), Voltage [V] and Force [kgf], found by name.
     """
@@ -62,8 +63,8 @@ def _text(path: Path) -> str:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
 
 
-def read_points(path: Path) -> tuple[float, np.ndarray]:
-    """Points (command, force [N]), shape (k, 2), of a text file: force [N] and normalised command, one pair a line.
+def read_points(path: Path) -> tuple[float, Float[np.ndarray, "k 2"]]:
+    """Points (command, force [N]) of a text file: force [N] and normalised command, one pair a line.
 
     The header names the columns, `Thrust [N]   Amount of thrust [-]`; the voltage, which it doesn't say, comes as NaN.
     Commands must increase from -1 to 1. Either column may hold the command: it is the one that does.
@@ -82,7 +83,9 @@ def read_points(path: Path) -> tuple[float, np.ndarray]:
     raise ConfigError(f"{path}: expected one of the columns to be commands that increase from -1 to 1")
 
 
-def at_voltage(curves: list[tuple[float, np.ndarray]], voltage: float | None, where: str) -> np.ndarray:
+def at_voltage(
+    curves: list[tuple[float, Float[np.ndarray, "_ 2"]]], voltage: float | None, where: str
+) -> Float[np.ndarray, "_ 2"]:
     """Points at a supply voltage, linear between the tested ones; never beyond them."""
     if len(curves) == 1 and (voltage is None or not np.isfinite(curves[0][0])):
         return curves[0][1]
@@ -103,7 +106,7 @@ def at_voltage(curves: list[tuple[float, np.ndarray]], voltage: float | None, wh
     return np.stack([grid, force], axis=1)
 
 
-def increasing(points: np.ndarray, where: str) -> np.ndarray:
+def increasing(points: Float[np.ndarray, "k 2"], where: str) -> Float[np.ndarray, "k 2"]:
     """The same points with the noise of the test smoothed so that force never falls with command.
 
     Pool adjacent violators, the least-squares non-decreasing fit (Barlow et al. 1972). A curve that needs more than

@@ -4,14 +4,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.description.schema import Curve, Thruster
 from rovtwin.vehicle.description.thrust_curve import at_voltage, increasing
 from rovtwin.vehicle.description.totals.assembly import Mounted
 
 
-def direction_vector(direction: Any) -> np.ndarray:
-    """Unit vector, shape (3,), of a file's direction; azimuth turns from x to y, elevation is above the horizontal."""
+def direction_vector(direction: Any) -> Float[np.ndarray, "3"]:
+    """Unit vector of a file's direction; azimuth turns from x to y, elevation is above the horizontal."""
     if isinstance(direction, dict):
         azimuth = np.radians(direction.get("azimuth_deg", 0.0))
         elevation = np.radians(direction.get("elevation_deg", 0.0))
@@ -21,8 +22,8 @@ def direction_vector(direction: Any) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def configuration(thrusters: tuple[Mounted, ...]) -> np.ndarray:
-    """T, shape (6, n): the wrench at CO of unit forces. Fossen (2021), eq. 9.7."""
+def configuration(thrusters: tuple[Mounted, ...]) -> Float[np.ndarray, "6 n"]:
+    """T: the wrench at CO of unit forces. Fossen (2021), eq. 9.7."""
     columns = []
     for mounted in thrusters:
         assert isinstance(mounted.item, Thruster)
@@ -56,8 +57,8 @@ def _halved(item: Thruster) -> dict[str, Any]:
     return {"force": force, "power": None if item.power is None else item.power / 2}
 
 
-def thrust_points(thruster: Thruster, supply_voltage: float | None, where: str) -> np.ndarray | None:
-    """(command, force) of a tabulated thruster, shape (k, 2), or None; `files` has read its CSV files."""
+def thrust_points(thruster: Thruster, supply_voltage: float | None, where: str) -> Float[np.ndarray, "k 2"] | None:
+    """(command, force) of a tabulated thruster, or None; `files` has read its CSV files."""
     if not isinstance(thruster.curve, Curve) or thruster.curve.table is None:
         return None
     table = thruster.curve.table
@@ -112,7 +113,7 @@ def thrust_limits(mounted: Mounted, supply_voltage: float | None = None) -> tupl
     return _limits(mounted.item, thrust_points(mounted.item, voltage, f"thruster '{mounted.name}'"))
 
 
-def _limits(thruster: Thruster, points: np.ndarray | None) -> tuple[float, float]:
+def _limits(thruster: Thruster, points: Float[np.ndarray, "k 2"] | None) -> tuple[float, float]:
     if points is not None:
         return max(float(points[-1, 1]), 0.0), max(float(-points[0, 1]), 0.0)
     if isinstance(thruster.force, dict):
@@ -120,8 +121,10 @@ def _limits(thruster: Thruster, points: np.ndarray | None) -> tuple[float, float
     return float(thruster.force), float(thruster.force)
 
 
-def _common_grid(tables: list[np.ndarray | None]) -> tuple[np.ndarray, np.ndarray]:
-    """Commands of all tables together, and each table on them, shapes (k,) and (n, k): linear tables lose nothing."""
+def _common_grid(
+    tables: list[Float[np.ndarray, "_ 2"] | None],
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
+    """Commands of all tables together, and each table on them: linear tables lose nothing."""
     given = [t for t in tables if t is not None]
     if not given:
         return np.array([-1.0, 1.0]), np.zeros((len(tables), 2))

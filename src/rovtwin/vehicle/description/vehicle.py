@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import GRAVITY
@@ -78,8 +79,8 @@ class Vehicle:
         """Batteries, and which thrusters hang on each."""
         return power_sources(self.file, self.assembly.thrusters)
 
-    def specific_power(self) -> np.ndarray:
-        """What each thruster draws, `P = c |F|^1.5`, ahead and astern, shape (n, 2) [W/N^1.5]."""
+    def specific_power(self) -> Float[np.ndarray, "n 2"]:
+        """What each thruster draws, `P = c |F|^1.5`, ahead and astern [W/N^1.5]."""
         return specific_power(self.assembly.thrusters)
 
     @property

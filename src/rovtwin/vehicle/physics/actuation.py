@@ -9,9 +9,11 @@ from math import comb
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.optimize import linprog
 
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.types import Vector6
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import Thrusters, force_limits
@@ -28,12 +30,12 @@ def rank(T: Any) -> int:
     return _rank_of(np.linalg.svd(np.asarray(T, dtype=float), compute_uv=False))
 
 
-def _rank_of(singular_values: np.ndarray) -> int:
+def _rank_of(singular_values: Float[np.ndarray, " r"]) -> int:
     return int((singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)).sum())
 
 
-def uncontrollable_directions(T: Any) -> np.ndarray:
-    """Unit wrenches [X, Y, Z, K, M, N] that no command can make, one per row, shape (6 - rank, 6).
+def uncontrollable_directions(T: Any) -> Float[np.ndarray, "directions 6"]:
+    """Unit wrenches [X, Y, Z, K, M, N] that no command can make, one per row.
 
     They span all wrenches orthogonal to the range of T. Where a plain axis is among them, it is given as such:
     the Double Blueye's answer is the pitch axis, not a mixture. The first entry of each is positive, and rows go by it.
@@ -60,11 +62,11 @@ def uncontrollable_directions(T: Any) -> np.ndarray:
     return rows[np.argsort(first, kind="stable")] + 0.0  # no -0.0
 
 
-def reachable_share(T: Any, length: float = 1.0) -> np.ndarray:
-    """How much of a pure force or moment along each axis thrusters can make, 0 to 1, shape (6,): diagonal of T T^+.
+def reachable_share(T: Any, length: float = 1.0) -> Float[np.ndarray, "6"]:
+    """How much of a pure force or moment along each axis thrusters can make, 0 to 1: diagonal of T T^+.
 
     Args:
-        T: Configuration matrix, shape (6, n).
+        T: Configuration matrix.
         length: Lever at which moments are counted as forces [m].
     """
     scaled = np.asarray(T, dtype=float) / np.repeat([1.0, length], 3)[:, None]
@@ -77,8 +79,8 @@ def size(model: Model) -> float:
     return (mass / FRESH_WATER) ** (1.0 / 3.0)
 
 
-def pushed_axes(model: Model) -> np.ndarray:
-    """Axes, surge to yaw, along which thrusters can be asked for a force or moment, shape (6,), bool.
+def pushed_axes(model: Model) -> Bool[np.ndarray, "6"]:
+    """Axes, surge to yaw, along which thrusters can be asked for a force or moment.
 
     Thrusters for surge that sit above or below CO make a moment in pitch as well. Without others that balance it, pitch
     is a by-product of surge: nothing controls it, and holding it at zero would take surge away, too. So an axis counts
@@ -88,15 +90,15 @@ def pushed_axes(model: Model) -> np.ndarray:
     return reachable_share(configuration_about_cg(model), size(model)) > BY_PRODUCT
 
 
-def configuration_about_cg(model: Model) -> np.ndarray:
-    """T with moments about CG in place of CO, shape (6, n)."""
+def configuration_about_cg(model: Model) -> Float[np.ndarray, "6 n"]:
+    """T with moments about CG in place of CO."""
     T = np.array(model.thrusters.configuration)
     T[3:] -= np.cross(np.asarray(model.center_of_gravity), T[:3], axisb=0, axisc=0)
     return T
 
 
-def wrench_of_forces(model: Model) -> np.ndarray:
-    """What thrusters make, per newton, of a force along X, Y and Z alone, shape (6, 3) about CO [-, m].
+def wrench_of_forces(model: Model) -> Float[np.ndarray, "6 3"]:
+    """What thrusters make, per newton, of a force along X, Y and Z alone, about CO [-, m].
 
     Along axes that are not pushed it is what comes with that force; a column is zero where the force is none of theirs.
     """
@@ -108,8 +110,8 @@ def wrench_of_forces(model: Model) -> np.ndarray:
     return made
 
 
-def axis_limits(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest wrench that may be asked of each axis [N, N m], shapes (6,): zero where it is not pushed.
+def axis_limits(model: Model) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
+    """Lowest and highest wrench that may be asked of each axis [N, N m]: zero where it is not pushed.
 
     A moment in yaw is one without a force, as far as there is such a one: turning, which goes before surge, must not
     drive the vehicle ahead.
@@ -151,24 +153,24 @@ def pure_force_limits(thrusters: Thrusters, axis: int) -> tuple[float, float]:
 
 
 @jax.jit
-def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
-    """Lowest and highest wrench of each axis alone [N, N m], shapes (6,) and (6,), other axes left free."""
+def wrench_limits(thrusters: Thrusters) -> tuple[Vector6, Vector6]:
+    """Lowest and highest wrench of each axis alone [N, N m], other axes left free."""
     low, high = force_limits(thrusters)
     one_end, other_end = thrusters.configuration * low, thrusters.configuration * high
     return jnp.sum(jnp.minimum(one_end, other_end), axis=1), jnp.sum(jnp.maximum(one_end, other_end), axis=1)
 
 
-def share_of_limits(T: Any, lowest: Any, highest: Any, tau: Any) -> np.ndarray:
-    """Least share of their limits within which thrusters make each wrench, shape (k,); inf where they cannot at all.
+def share_of_limits(T: Any, lowest: Any, highest: Any, tau: Any) -> Float[np.ndarray, " k"]:
+    """Least share of their limits within which thrusters make each wrench; inf where they cannot at all.
 
     Forces within those limits make a polytope of wrenches, a zonotope, each face of which is parallel to r - 1 columns
     of T, r its rank. The share is the largest, over the normals h of all faces, of h . tau over the largest h . T f.
 
     Args:
-        T: Wrench per force, shape (m, n).
-        lowest: Of the forces, at most zero [N], shape (n,).
-        highest: At least zero, shape (n,).
-        tau: Wrenches, shape (k, m).
+        T: Wrench per force.
+        lowest: Of the forces, at most zero [N].
+        highest: At least zero.
+        tau: Wrenches.
 
     Reference: Ziegler (1995), Lectures on Polytopes, ch. 7 (zonotopes).
     """
@@ -188,8 +190,8 @@ def share_of_limits(T: Any, lowest: Any, highest: Any, tau: Any) -> np.ndarray:
     return share.max(axis=0, initial=0.0)
 
 
-def _face_normals(columns: np.ndarray) -> np.ndarray:
-    """Both normals of each face of the zonotope of columns (r, n), shape (faces, r), and some that bound it as well."""
+def _face_normals(columns: Float[np.ndarray, "r n"]) -> Float[np.ndarray, "faces r"]:
+    """Both normals of each face of the zonotope of columns, and some that bound it as well."""
     r, n = columns.shape
     if r == 0:
         return np.zeros((0, 0))

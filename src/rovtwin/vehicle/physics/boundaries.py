@@ -7,9 +7,12 @@ products of these shapes they would take ten times as long inside a scan.
 References: Fossen (2021), sec. 4.2 (surface vessels); Hunt and Crossley (1975), J. Appl. Mech. 42(2) (contact).
 """
 
+from jaxtyping import Float
+
 from rovtwin.core.flow import Environment, Walls
 from rovtwin.core.frames import cross
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Matrix3, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.vehicle.constants import FRICTION, GRAVITY, SLIDING_SPEED
 from rovtwin.vehicle.physics.model import Model
 
@@ -19,15 +22,15 @@ CONTACT_SPEED = 0.1  # closing speed that doubles the force; leaving faster than
 
 
 def surroundings_wrench(
-    model: Model, position: Array, R_nb: Array, nu: Array, environment: Environment
-) -> tuple[Array, Array | float]:
-    """Wrench of surface and walls on the hull, b at CO, shape (6,), and which share of the hull is wet, 0 to 1.
+    model: Model, position: Vector3, R_nb: Matrix3, nu: Vector6, environment: Environment
+) -> tuple[Vector6, ScalarLike]:
+    """Wrench of surface and walls on the hull, b at CO, and which share of the hull is wet, 0 to 1.
 
     Args:
         model: Uses `hull`, the buoyancy and its centre, and the weight.
-        position: CO in n [m], shape (3,).
-        R_nb: Shape (3, 3).
-        nu: Velocity over ground, b at CO, shape (6,).
+        position: CO in n [m].
+        R_nb: Attitude.
+        nu: Velocity over ground, b at CO.
         environment: Uses `surface` and `walls`.
     """
     nothing = jnp.zeros_like(nu)
@@ -36,7 +39,7 @@ def surroundings_wrench(
     if environment.surface is not None:
         surface = environment.surface
 
-        def at_surface() -> tuple[Array, Array]:
+        def at_surface() -> tuple[Vector6, Scalar]:
             dry = dryness(model, position[2], down_b, surface)
             return lost_buoyancy(model, dry, down_b), 1.0 - jnp.sum(dry * hull.shares)
 
@@ -49,36 +52,36 @@ def surroundings_wrench(
     return wrench, wet
 
 
-def _dot(rows: Array, vector: Array) -> Array:
-    """rows @ vector, shape (k,), of (k, 3) and (3,)."""
+def _dot(rows: Float[Array, "k 3"], vector: Vector3) -> Float[Array, " k"]:
+    """rows @ vector."""
     return rows[:, 0] * vector[0] + rows[:, 1] * vector[1] + rows[:, 2] * vector[2]
 
 
-def dryness(model: Model, z: Array, down_b: Array, surface: Array) -> Array:
-    """How much of each buoyancy element is out of the water, 0 to 1, shape (n,).
+def dryness(model: Model, z: Scalar, down_b: Vector3, surface: Scalar) -> Float[Array, " n"]:
+    """How much of each buoyancy element is out of the water, 0 to 1.
 
     Args:
         model: Uses `hull` and `center_of_buoyancy`.
         z: Depth of CO in n [m].
-        down_b: Direction of gravity seen in b, shape (3,).
+        down_b: Direction of gravity seen in b.
         surface: Depth of the surface in n [m].
     """
     return jnp.clip(0.5 - 0.5 * _height(model, z, down_b, surface), 0.0, 1.0)
 
 
-def _height(model: Model, z: Array, down_b: Array, surface: Array) -> Array:
-    """Depth of the elements below the surface, in halves of their own height, shape (n,)."""
+def _height(model: Model, z: Scalar, down_b: Vector3, surface: Scalar) -> Float[Array, " n"]:
+    """Depth of the elements below the surface, in halves of their own height."""
     below = z + jnp.sum(model.center_of_buoyancy * down_b) - surface
     return (below + _dot(model.hull.offsets, down_b)) / model.hull.reach
 
 
-def lost_buoyancy(model: Model, dry: Array, down_b: Array) -> Array:
-    """Wrench of the buoyancy that the dry elements do not have, b at CO, shape (6,); it pulls down.
+def lost_buoyancy(model: Model, dry: Float[Array, " n"], down_b: Vector3) -> Vector6:
+    """Wrench of the buoyancy that the dry elements do not have, b at CO; it pulls down.
 
     Args:
         model: The vehicle.
-        dry: From `dryness`, shape (n,).
-        down_b: Direction of gravity seen in b, shape (3,).
+        dry: From `dryness`.
+        down_b: Direction of gravity seen in b.
     """
     weights = model.buoyancy * model.hull.shares * dry
     force = jnp.sum(weights)
@@ -86,24 +89,24 @@ def lost_buoyancy(model: Model, dry: Array, down_b: Array) -> Array:
     return jnp.concatenate([force * down_b, cross(lever, down_b)])
 
 
-def surface_energy(model: Model, z: Array, down_b: Array, surface: Array) -> Array:
+def surface_energy(model: Model, z: Scalar, down_b: Vector3, surface: Scalar) -> Scalar:
     """Potential energy of `lost_buoyancy` [J]: zero under water, the work done to lift the hull out of it."""
     height = _height(model, z, down_b, surface)
     rise = jnp.where(height < -1.0, -height, 0.25 * (1.0 - jnp.minimum(height, 1.0)) ** 2)
     return jnp.sum(model.buoyancy * model.hull.shares * model.hull.reach * rise)
 
 
-def contact_wrench(model: Model, position: Array, R_nb: Array, nu: Array, walls: Walls) -> Array:
-    """Wrench of walls on the hull's corners, b at CO, shape (6,).
+def contact_wrench(model: Model, position: Vector3, R_nb: Matrix3, nu: Vector6, walls: Walls) -> Vector6:
+    """Wrench of walls on the hull's corners, b at CO.
 
     Normal to the wall F = k delta (1 + delta_dot / v), never pulling (Hunt and Crossley 1975); along it friction that
     is smooth through zero speed. With v > 0 no cycle of going in and out gains energy.
 
     Args:
         model: Uses `hull.corners` and the weight.
-        position: CO in n [m], shape (3,).
-        R_nb: Shape (3, 3).
-        nu: Velocity over ground, b at CO, shape (6,).
+        position: CO in n [m].
+        R_nb: Attitude.
+        nu: Velocity over ground, b at CO.
         walls: Planes.
     """
     # All in b, with corners in rows and walls in columns: shapes (m, k), and (m, 1) or (k,) before they meet.

@@ -10,8 +10,10 @@ Reference: Brown (1971), Close-range camera calibration; OpenCV, calib3d, its ra
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Index, Scalar, Vector2
 
 WATER, GLASS = 1.333, 1.49  # refractive indices: fresh water at 20 deg C, acrylic
 _NEWTON = 12  # steps to invert distortion and to find the way through a port; each converges quadratically
@@ -30,10 +32,10 @@ class Port(eqx.Module):
         water: Refractive index of the water.
     """
 
-    distance: Array
-    thickness: Array
-    glass: Array
-    water: Array
+    distance: Scalar
+    thickness: Scalar
+    glass: Scalar
+    water: Scalar
 
     @classmethod
     def of(cls, distance: float, thickness: float = 0.0, glass: float = GLASS, water: float = WATER) -> "Port":
@@ -44,22 +46,22 @@ class Lens(eqx.Module):
     """Parameters of a camera.
 
     Attributes:
-        focal: f_x, f_y [px], shape (2,).
-        principal: c_x, c_y [px], shape (2,).
-        distortion: k_1, k_2, p_1, p_2, k_3, k_4, k_5, k_6, shape (8,).
+        focal: f_x, f_y [px].
+        principal: c_x, c_y [px].
+        distortion: k_1, k_2, p_1, p_2, k_3, k_4, k_5, k_6.
         port: None: the lens looks straight into the water, or its calibration was made there.
         size: Width and height of the image [px].
     """
 
-    focal: Array
-    principal: Array
-    distortion: Array
+    focal: Vector2
+    principal: Vector2
+    distortion: Float[Array, "8"]
     port: Port | None = None
     size: tuple[int, int] = eqx.field(static=True, default=(1920, 1080))
 
     @property
-    def matrix(self) -> np.ndarray:
-        """K, shape (3, 3), as OpenCV wants it."""
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """K, as OpenCV wants it."""
         (fx, fy), (cx, cy) = np.asarray(self.focal), np.asarray(self.principal)
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
@@ -80,8 +82,8 @@ def lens_from(
     return Lens(as_array(focal), as_array(principal), as_array(d), port, size)
 
 
-def distort(lens: Lens, xy: Array) -> Array:
-    """Where the lens puts a ray, in units of the focal length, shapes (..., 2): Brown's model, rational as OpenCV's."""
+def distort(lens: Lens, xy: Float[Array, "*axes 2"]) -> Float[Array, "*axes 2"]:
+    """Where the lens puts a ray, in units of the focal length: Brown's model, rational as OpenCV's."""
     k1, k2, p1, p2, k3, k4, k5, k6 = lens.distortion
     x, y = xy[..., 0], xy[..., 1]
     r2 = x * x + y * y
@@ -90,15 +92,15 @@ def distort(lens: Lens, xy: Array) -> Array:
     return radial[..., None] * xy + tangential
 
 
-def undistort(lens: Lens, xy: Array) -> Array:
-    """The inverse of `distort`, shapes (..., 2), by Newton's method.
+def undistort(lens: Lens, xy: Float[Array, "*axes 2"]) -> Float[Array, "*axes 2"]:
+    """The inverse of `distort`, by Newton's method.
 
     Fixed-point iteration, which OpenCV uses, is off by tens of pixels at the corners of a lens with k_1 = 0.31 unless
     it gets a hundred rounds.
     """
 
-    def one(target: Array) -> Array:
-        def newton(_: int, guess: Array) -> Array:
+    def one(target: Vector2) -> Vector2:
+        def newton(_: Index, guess: Vector2) -> Vector2:
             J = jax.jacfwd(lambda p: distort(lens, p))(guess)
             e = distort(lens, guess) - target
             determinant = J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]
@@ -112,8 +114,8 @@ def undistort(lens: Lens, xy: Array) -> Array:
     return jax.vmap(one)(flat).reshape(xy.shape)
 
 
-def project(lens: Lens, p_c: Array) -> Array:
-    """Pixels of points before the camera, shapes (..., 3) [m] -> (..., 2) [px]; what lies behind it is no number.
+def project(lens: Lens, p_c: Float[Array, "*axes 3"]) -> Float[Array, "*axes 2"]:
+    """Where points before the camera [m] are in its image [px]; what lies behind it is no number.
 
     Args:
         lens: The camera's.
@@ -128,8 +130,8 @@ def project(lens: Lens, p_c: Array) -> Array:
     return lens.focal * distort(lens, xy) + lens.principal
 
 
-def ray(lens: Lens, pixel: Array) -> tuple[Array, Array]:
-    """What a pixel looks at: a point and a unit direction in c, shapes (..., 2) [px] -> (..., 3) [m], (..., 3).
+def ray(lens: Lens, pixel: Float[Array, "*axes 2"]) -> tuple[Float[Array, "*axes 3"], Float[Array, "*axes 3"]]:
+    """What a pixel [px] looks at: a point [m] and a unit direction in c.
 
     The point is the centre of projection, or with a port where the ray enters the water.
     """
@@ -150,7 +152,7 @@ def ray(lens: Lens, pixel: Array) -> tuple[Array, Array]:
     return point, direction / jnp.linalg.norm(direction, axis=-1, keepdims=True)
 
 
-def _through(port: Port, radius: Array, z: Array) -> Array:
+def _through(port: Port, radius: Float[Array, "*axes"], z: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
     """Tangent in air of the ray that ends at a radius from the axis, at depth z, through a flat port.
 
     Radii of the ways through air, glass and water add up; with y the tangent in the water the sum is convex and grows,
@@ -160,15 +162,15 @@ def _through(port: Port, radius: Array, z: Array) -> Array:
     way = jnp.maximum(z - d - t, 1e-6)
     most = 1.0 / jnp.sqrt(n**2 - 1.0)  # beyond this tangent in the water no light gets into the air
 
-    def tangents(y: Array) -> tuple[Array, Array]:
+    def tangents(y: Float[Array, "*axes"]) -> tuple[Float[Array, "*axes"], Float[Array, "*axes"]]:
         sine = n * y / jnp.sqrt(1 + y**2)
         return sine / jnp.sqrt(1 - sine**2), sine / jnp.sqrt(port.glass**2 - sine**2)
 
-    def reach(y: Array) -> Array:
+    def reach(y: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
         air, glass = tangents(y)
         return d * air + t * glass + way * y
 
-    def newton(_: int, y: Array) -> Array:
+    def newton(_: Index, y: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
         value, slope = jax.jvp(reach, (y,), (jnp.ones_like(y),))
         return jnp.clip(y - (value - radius) / slope, 0.0, (1 - 1e-9) * most)
 

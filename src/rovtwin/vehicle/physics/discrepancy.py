@@ -26,39 +26,41 @@ process as the discrepancy of a model); Rasmussen and Williams (2006), Gaussian 
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Scalar, Vector6
 
 
 class Discrepancy(eqx.Module):
     """P parts with up to m kernel functions each.
 
     Attributes:
-        along: Which component of the wrench each part adds to, columns of unit vectors, shape (6, P).
-        motion: 1 for parts of motion, 0 for parts of thrust, shape (P,).
-        anchored: 1 for the inputs that have to vanish for the part to, shape (P, 12).
-        std: Prior standard deviation of each part [N, N m], shape (P,).
+        along: Which component of the wrench each part adds to, columns of unit vectors.
+        motion: 1 for parts of motion, 0 for parts of thrust.
+        anchored: 1 for the inputs that have to vanish for the part to.
+        std: Prior standard deviation of each part [N, N m].
         inverse_lengths: One over the length over which a part changes with an input [s/m, s/rad, 1/N, 1/(N m)], 0 where
-            it does not, shape (P, 12).
-        centres: Places of the kernel functions [m/s, rad/s, N, N m], shape (P, m, 12).
-        coefficients: Of the kernel functions in the mean [N, N m], shape (P, m).
-        reduction: G with k' G' G k the share of the prior's variance that the data have taken away, shape (P, m, m).
-        speeds: Typical of each component of nu_r [m/s, rad/s], shape (6,): what excess energy is taken off by.
+            it does not.
+        centres: Places of the kernel functions [m/s, rad/s, N, N m].
+        coefficients: Of the kernel functions in the mean [N, N m].
+        reduction: G with k' G' G k the share of the prior's variance that the data have taken away.
+        speeds: Typical of each component of nu_r [m/s, rad/s]: what excess energy is taken off by.
     """
 
-    along: Array
-    motion: Array
-    anchored: Array
-    std: Array
-    inverse_lengths: Array
-    centres: Array
-    coefficients: Array
-    reduction: Array
-    speeds: Array
+    along: Float[Array, "6 P"]
+    motion: Float[Array, " P"]
+    anchored: Float[Array, "P 12"]
+    std: Float[Array, " P"]
+    inverse_lengths: Float[Array, "P 12"]
+    centres: Float[Array, "P m 12"]
+    coefficients: Float[Array, "P m"]
+    reduction: Float[Array, "P m m"]
+    speeds: Vector6
 
 
-def with_coefficients(discrepancy: Discrepancy, coefficients: Array) -> Discrepancy:
-    """The same with other coefficients of the mean, shape (P, m)."""
+def with_coefficients(discrepancy: Discrepancy, coefficients: Float[Array, "P m"]) -> Discrepancy:
+    """The same with other coefficients of the mean."""
     return eqx.tree_at(lambda d: d.coefficients, discrepancy, coefficients)
 
 
@@ -74,13 +76,13 @@ def without_discrepancy(model: Any) -> Any:
     return replace_discrepancy(model, None)
 
 
-def kernels(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> tuple[Array, Array]:
-    """k(z, centre) of every kernel function, shape (P, m), and k(z, z) of every part, shape (P,).
+def kernels(discrepancy: Discrepancy, nu_r: Vector6, tau: Vector6) -> tuple[Float[Array, "P m"], Float[Array, " P"]]:
+    """k(z, centre) of every kernel function, and k(z, z) of every part.
 
     Args:
         discrepancy: Uses places, lengths and `anchored`.
-        nu_r: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
-        tau: Wrench of the thrusters, b at CO [N, N m], shape (6,).
+        nu_r: Velocity through the water, b at CO [m/s, rad/s].
+        tau: Wrench of the thrusters, b at CO [N, N m].
     """
     d = discrepancy
     z = jnp.concatenate([nu_r, tau]) * d.inverse_lengths
@@ -93,14 +95,14 @@ def kernels(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> tuple[Array, A
     return jnp.exp(-0.5 * far) - jnp.exp(-0.5 * common), 1.0 - jnp.exp(-out)
 
 
-def discrepancy_wrench(discrepancy: Discrepancy, nu_r: Array, tau: Array, drag: Array) -> Array:
-    """Mean of the learned wrench on the vehicle, b at CO [N, N m], shape (6,).
+def discrepancy_wrench(discrepancy: Discrepancy, nu_r: Vector6, tau: Vector6, drag: Vector6) -> Vector6:
+    """Mean of the learned wrench on the vehicle, b at CO [N, N m].
 
     Args:
         discrepancy: The parts.
-        nu_r: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
-        tau: Wrench of the thrusters, b at CO [N, N m], shape (6,).
-        drag: D(nu_r) nu_r of the model, b at CO [N, N m], shape (6,): what may be undone at most.
+        nu_r: Velocity through the water, b at CO [m/s, rad/s].
+        tau: Wrench of the thrusters, b at CO [N, N m].
+        drag: D(nu_r) nu_r of the model, b at CO [N, N m]: what may be undone at most.
     """
     k, _ = kernels(discrepancy, nu_r, tau)
     values = jnp.sum(discrepancy.coefficients * k, axis=1)
@@ -109,8 +111,8 @@ def discrepancy_wrench(discrepancy: Discrepancy, nu_r: Array, tau: Array, drag: 
     return of_thrust + _passive(discrepancy, of_motion, nu_r, drag)
 
 
-def _passive(discrepancy: Discrepancy, wrench: Array, nu_r: Array, drag: Array) -> Array:
-    """The wrench without what it would give in energy beyond what the drag takes, shape (6,)."""
+def _passive(discrepancy: Discrepancy, wrench: Vector6, nu_r: Vector6, drag: Vector6) -> Vector6:
+    """The wrench without what it would give in energy beyond what the drag takes."""
     excess = jnp.sum(nu_r * wrench) - jnp.maximum(jnp.sum(nu_r * drag), 0.0)
     moved = jnp.where(jnp.sum(discrepancy.along * discrepancy.motion, axis=1) > 0.0, discrepancy.speeds**-2.0, 0.0)
     square = jnp.sum(moved * nu_r**2)
@@ -118,21 +120,21 @@ def _passive(discrepancy: Discrepancy, wrench: Array, nu_r: Array, drag: Array) 
     return wrench - share * moved * nu_r
 
 
-def discrepancy_variance(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> Array:
-    """Variance of the learned wrench, per component [N^2, N^2 m^2], shape (6,); arguments as of `kernels`.
+def discrepancy_variance(discrepancy: Discrepancy, nu_r: Vector6, tau: Vector6) -> Vector6:
+    """Variance of the learned wrench, per component [N^2, N^2 m^2]; arguments as of `kernels`.
 
     Far from the data it is the prior's. Of several parts along one axis the variances add up.
     """
     return jnp.sum(discrepancy.along * (discrepancy.std**2 * _left(discrepancy, nu_r, tau)), axis=1)
 
 
-def novelty(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> Array:
+def novelty(discrepancy: Discrepancy, nu_r: Vector6, tau: Vector6) -> Scalar:
     """How far a motion is from the data, 0 to 1: the largest of the parts' standard deviations over their prior's."""
     return jnp.sqrt(jnp.max(_left(discrepancy, nu_r, tau)))
 
 
-def _left(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> Array:
-    """What is left of the prior's variance of each part, a share, shape (P,)."""
+def _left(discrepancy: Discrepancy, nu_r: Vector6, tau: Vector6) -> Float[Array, " P"]:
+    """What is left of the prior's variance of each part, a share."""
     k, whole = kernels(discrepancy, nu_r, tau)
     taken = jnp.sum(discrepancy.reduction * k[:, None, :], axis=2)
     return jnp.clip(whole - jnp.sum(taken**2, axis=1), 0.0, 1.0)

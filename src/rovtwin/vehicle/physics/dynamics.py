@@ -24,12 +24,14 @@ from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp, module_for
+from rovtwin.core.types import Matrix6, PerThruster, Quaternion, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.vehicle.physics.boundaries import surroundings_wrench
 from rovtwin.vehicle.physics.discrepancy import discrepancy_wrench
 from rovtwin.vehicle.physics.model import Model
@@ -42,16 +44,16 @@ class State(eqx.Module):
     """State of the plant.
 
     Attributes:
-        position: CO in n [m], shape (3,).
-        attitude: Unit quaternion R_nb, shape (4,).
-        nu: Velocity over ground, b at CO [m/s, rad/s], shape (6,).
-        thrust: Force of each thruster now [N], shape (n,).
+        position: CO in n [m].
+        attitude: Unit quaternion R_nb.
+        nu: Velocity over ground, b at CO [m/s, rad/s].
+        thrust: Force of each thruster now [N].
     """
 
-    position: Array
-    attitude: Array
-    nu: Array
-    thrust: Array
+    position: Vector3
+    attitude: Quaternion
+    nu: Vector6
+    thrust: PerThruster
 
     @classmethod
     def at(cls, model: Model, start: Start) -> "State":
@@ -59,8 +61,8 @@ class State(eqx.Module):
         return cls(start.position, start.attitude, start.velocity, jnp.zeros(model.thrusters.count))
 
 
-def coriolis_wrench(mass: Array, nu: Array) -> Array:
-    """C(nu) nu, shape (6,), of a full inertia matrix, shape (6, 6): from the momentum, by cross products.
+def coriolis_wrench(mass: Matrix6, nu: Vector6) -> Vector6:
+    """C(nu) nu of a full inertia matrix: from the momentum, by cross products.
 
     Does no work: nu . C(nu) nu = 0. Fossen (2021), eq. 3.63 (Kirchhoff's parametrisation).
     """
@@ -70,8 +72,8 @@ def coriolis_wrench(mass: Array, nu: Array) -> Array:
     return jnp.concatenate([cross(omega, linear), cross(v, linear) + cross(omega, angular)])
 
 
-def damping_wrench(model: Model, nu_r: Array) -> Array:
-    """Hydrodynamic damping D(nu_r) nu_r, shape (6,); it opposes the motion through the water, tau_D = -D(nu_r) nu_r.
+def damping_wrench(model: Model, nu_r: Vector6) -> Vector6:
+    """Hydrodynamic damping D(nu_r) nu_r; it opposes the motion through the water, tau_D = -D(nu_r) nu_r.
 
     Linear plus quadratic with the sign kept (thesis 2.31 loses it), each with its own coefficients ahead and astern.
     Fossen (2021), sec. 6.4.
@@ -79,13 +81,13 @@ def damping_wrench(model: Model, nu_r: Array) -> Array:
     return model.damping @ _powers(nu_r)
 
 
-def damping_force(model: Model, nu_r: Array) -> Array:
-    """Rows 1 to 3 of the same, the force [N], shape (3,)."""
+def damping_force(model: Model, nu_r: Vector6) -> Vector3:
+    """Rows 1 to 3 of the same, the force [N]."""
     return model.damping[:3] @ _powers(nu_r)
 
 
-def _powers(nu_r: Array) -> Array:
-    """What the columns of `Model.damping` multiply: velocities ahead and astern, and their squares, shape (24,)."""
+def _powers(nu_r: Vector6) -> Float[Array, "24"]:
+    """What the columns of `Model.damping` multiply: velocities ahead and astern, and their squares."""
     ahead, astern = jnp.maximum(nu_r, 0.0), jnp.maximum(-nu_r, 0.0)
     return jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
 
@@ -98,13 +100,13 @@ def speed_of_drag(linear: Any, quadratic: Any, force: Any) -> Any:
     return 2.0 * force / (linear + module_for(linear, quadratic, force).sqrt(linear**2 + 4.0 * quadratic * force))
 
 
-def learned_wrench(model: Model, nu_r: Array, tau: Array, drag: Array | None = None) -> Array | float:
-    """What the model was found to lack, b at CO [N, N m], shape (6,); 0.0, and no work, for a model without.
+def learned_wrench(model: Model, nu_r: Vector6, tau: Vector6, drag: Vector6 | None = None) -> Vector6 | float:
+    """What the model was found to lack, b at CO [N, N m]; 0.0, and no work, for a model without.
 
     Args:
         model: Uses `discrepancy`, and the damping.
-        nu_r: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
-        tau: Wrench of the thrusters, b at CO, shape (6,).
+        nu_r: Velocity through the water, b at CO [m/s, rad/s].
+        tau: Wrench of the thrusters, b at CO.
         drag: D(nu_r) nu_r where it is known already.
     """
     if model.discrepancy is None:
@@ -112,8 +114,8 @@ def learned_wrench(model: Model, nu_r: Array, tau: Array, drag: Array | None = N
     return discrepancy_wrench(model.discrepancy, nu_r, tau, damping_wrench(model, nu_r) if drag is None else drag)
 
 
-def restoring_wrench(model: Model, down_b: Array) -> Array:
-    """g(eta), shape (6,), from the direction of gravity seen in b, shape (3,). Fossen (2021), eq. 4.6."""
+def restoring_wrench(model: Model, down_b: Vector3) -> Vector6:
+    """g(eta) from the direction of gravity seen in b. Fossen (2021), eq. 4.6."""
     weight, buoyancy = model.weight * down_b, model.buoyancy * down_b
     moment = cross(model.center_of_gravity, weight) - cross(model.center_of_buoyancy, buoyancy)
     return -jnp.concatenate([weight - buoyancy, moment])
@@ -133,25 +135,25 @@ def restoring_lever(weight: Any, buoyancy: Any, r_g: Any, r_b: Any) -> Any:
 
 def acceleration(
     model: Model,
-    position: Array,
-    attitude: Array,
-    nu: Array,
-    tau: Array,
+    position: Vector3,
+    attitude: Quaternion,
+    nu: Vector6,
+    tau: Vector6,
     environment: Environment,
-    elapsed: Array | float = 0.0,
-    inflow: Array | None = None,
-) -> Array:
-    """nu_dot, shape (6,): the equations of motion solved for the acceleration.
+    elapsed: ScalarLike = 0.0,
+    inflow: PerThruster | None = None,
+) -> Vector6:
+    """nu_dot: the equations of motion solved for the acceleration.
 
     Args:
         model: The vehicle.
-        position: CO in n [m], shape (3,).
-        attitude: Quaternion R_nb, shape (4,).
-        nu: Velocity over ground, b at CO, shape (6,).
-        tau: Wrench of the thrusters, b at CO, shape (6,).
+        position: CO in n [m].
+        attitude: Quaternion R_nb.
+        nu: Velocity over ground, b at CO.
+        tau: Wrench of the thrusters, b at CO.
         environment: Water and external wrench.
         elapsed: Time into the step for which the environment is given [s].
-        inflow: Force that each thruster loses for each m/s of inflow [N s/m], shape (n,); None: none does.
+        inflow: Force that each thruster loses for each m/s of inflow [N s/m]; None: none does.
     """
     R_nb = rotation_from_quaternion(attitude)
     R_bn, down_b, omega = R_nb.T, R_nb[2], nu[3:]
@@ -173,9 +175,9 @@ def acceleration(
 
 
 def _water_at(
-    environment: Environment, position: Array, velocity: Array, elapsed: Array | float
-) -> tuple[Array, Array, Array]:
-    """The water at CO, in n, shapes (3,): velocity v_c, acceleration of its particles, rate of v_c along the path.
+    environment: Environment, position: Vector3, velocity: Vector3, elapsed: ScalarLike
+) -> tuple[Vector3, Vector3, Vector3]:
+    """The water at CO, in n: velocity v_c, acceleration of its particles, rate of v_c along the path.
 
     Args:
         environment: The water.
@@ -191,8 +193,8 @@ def _water_at(
     return v_c, environment.rate + G @ v_c, environment.rate + G @ velocity
 
 
-def inflow_of(model: Model, thrust: Array) -> Array | None:
-    """What each thruster loses for each m/s of inflow [N s/m], shape (n,), at forces (n,); None where none does."""
+def inflow_of(model: Model, thrust: PerThruster) -> PerThruster | None:
+    """What each thruster loses for each m/s of inflow [N s/m], at forces [N]; None where none does."""
     return None if model.thrusters.inflow_loss is None else inflow_damping(model.thrusters, thrust)
 
 
@@ -213,7 +215,7 @@ def plant_step(model: Model, state: State, command: Command, environment: Enviro
     wrenches = {elapsed: T @ force for elapsed, force in forces.items()}
     inflows = {elapsed: inflow_of(model, force) for elapsed, force in forces.items()}
 
-    def derivative(elapsed: float, x: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def derivative(elapsed: float, x: tuple[Vector3, Quaternion, Vector6]) -> tuple[Vector3, Quaternion, Vector6]:
         p, q, nu = x
         nu_dot = acceleration(model, p, q, nu, wrenches[elapsed], environment, elapsed, inflows[elapsed])
         return rotation_from_quaternion(q) @ nu[:3], quaternion_rate(q, nu[3:]), nu_dot
@@ -228,7 +230,7 @@ def rollout(model: Model, state: State, commands: Command, environment: Environm
     Args:
         model: The vehicle.
         state: Start.
-        commands: u of shape (n_steps, n_thrusters).
+        commands: Of all steps, along a leading axis.
         environment: Each field for all steps, or with a leading axis n_steps; walls stay where they are.
         dt: Step [s].
     """
@@ -248,12 +250,12 @@ def rollout(model: Model, state: State, commands: Command, environment: Environm
     return jax.lax.scan(jax.checkpoint(step), state, (commands, changes))[1]
 
 
-def kinetic_energy(model: Model, nu_r: Array) -> Array:
+def kinetic_energy(model: Model, nu_r: Vector6) -> Scalar:
     """Energy of body and surrounding water, 1/2 nu_r' M nu_r [J]."""
     return 0.5 * nu_r @ model.inertia @ nu_r
 
 
-def potential_energy(model: Model, position: Array, attitude: Array) -> Array:
+def potential_energy(model: Model, position: Vector3, attitude: Quaternion) -> Scalar:
     """Of weight and buoyancy [J], zero with CO at the surface and level CG and CB offsets counted along down."""
     down_b = rotation_from_quaternion(attitude)[2]
     net = model.weight - model.buoyancy

@@ -11,8 +11,10 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, jnp, module_for
+from rovtwin.core.types import Scalar
 from rovtwin.vehicle.constants import FRESH_WATER
 from rovtwin.vehicle.solids.placement import SIGNS, Box
 
@@ -23,18 +25,18 @@ class Hull(eqx.Module):
     """Elements of buoyancy, and corners that touch.
 
     Attributes:
-        offsets: Elements seen from the centre of buoyancy, b [m], shape (n, 3); their mean weighted by `shares` is 0.
-        shares: Of the whole buoyancy, shape (n,); they sum to 1.
-        reach: Half the height over which an element goes from dry to wet [m], shape (n,).
-        corners: Outermost points of the body seen from CO, b [m], shape (m, 3).
+        offsets: Elements seen from the centre of buoyancy, b [m]; their mean weighted by `shares` is 0.
+        shares: Of the whole buoyancy; they sum to 1.
+        reach: Half the height over which an element goes from dry to wet [m].
+        corners: Outermost points of the body seen from CO, b [m].
         radius: Beyond it from CB there is no element, and beyond it from CO no corner [m].
     """
 
-    offsets: Array
-    shares: Array
-    reach: Array
-    corners: Array
-    radius: Array
+    offsets: Float[Array, "n 3"]
+    shares: Float[Array, " n"]
+    reach: Float[Array, " n"]
+    corners: Float[Array, "m 3"]
+    radius: Scalar
 
     def __init__(self, offsets: Any, shares: Any, reach: Any, corners: Any):
         """The radius follows."""
@@ -45,12 +47,12 @@ class Hull(eqx.Module):
         self.radius = as_array(xp.maximum(xp.max(elements), farthest))
 
 
-def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: np.ndarray) -> Hull | None:
+def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: Float[np.ndarray, "3"]) -> Hull | None:
     """The hull made of the parts' boxes; those that displace no water count for contact only. None without any.
 
     Args:
         boxes: Seen from CO.
-        center_of_buoyancy: Of the whole, b [m], shape (3,). Where it is not that of the boxes (foam on top, or a value
+        center_of_buoyancy: Of the whole, b [m]. Where it is not that of the boxes (foam on top, or a value
             that was measured) the shares are tilted towards it.
     """
     wet = [box for box in boxes if box.volume > 0]
@@ -64,7 +66,9 @@ def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: np.ndarray) -> Hull | No
     return Hull(points - shares @ points, shares, reach, outermost)
 
 
-def _tilted(shares: np.ndarray, points: np.ndarray, center: np.ndarray) -> np.ndarray:
+def _tilted(
+    shares: Float[np.ndarray, " n"], points: Float[np.ndarray, "n 3"], center: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, " n"]:
     """Shares that grow linearly towards where the centre should be; as they were where some would be negative."""
     about = points - shares @ points
     spread = (shares[:, None] * about).T @ about
@@ -73,24 +77,24 @@ def _tilted(shares: np.ndarray, points: np.ndarray, center: np.ndarray) -> np.nd
     return tilted if tilted.min() > 0 else shares
 
 
-def cube(center: Array, displaced_mass: Array) -> Hull:
-    """The hull of a vehicle whose shape nobody gave: a cube of fresh water of its displaced mass [kg] about CB."""
+def cube(center: Any, displaced_mass: Scalar) -> Hull:
+    """The hull of a vehicle whose shape nobody gave: a cube of fresh water of its displaced mass [kg] about CB (3,)."""
     side = jnp.cbrt(jnp.maximum(displaced_mass, 1e-3) / FRESH_WATER)
     where, count = jnp.asarray(_grid(2)) * side, _LAYERS.size * 4
     corners = jnp.asarray(center) + 0.5 * SIGNS * side
     return Hull(where, jnp.full(count, 1.0 / count), jnp.full(count, 0.5 / _LAYERS.size) * side, corners)
 
 
-def _grid(up: int) -> np.ndarray:
-    """Where the elements of a box of side 1 sit about its centre, shape (16, 3); `up` is its upright axis."""
+def _grid(up: int) -> Float[np.ndarray, "16 3"]:
+    """Where the elements of a box of side 1 sit about its centre; `up` is its upright axis."""
     gauss = (-0.5 / np.sqrt(3.0), 0.5 / np.sqrt(3.0))
     places = [gauss, gauss, gauss]
     places[up] = tuple(_LAYERS)
     return np.array(list(product(*places)))
 
 
-def _elements(box: Box) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (16, 3), volumes (16,) and half heights (16,) of a box's elements."""
+def _elements(box: Box) -> tuple[Float[np.ndarray, "16 3"], Float[np.ndarray, "16"], Float[np.ndarray, "16"]]:
+    """Points, volumes and half heights of a box's elements."""
     R = box.placement.rotation
     up = int(np.abs(R[2]).argmax())  # the axis that is most nearly upright when the vehicle is level
     points = box.placement.position + (_grid(up) * box.size) @ R.T

@@ -7,24 +7,28 @@ Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Cont
 
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import skew
 from rovtwin.core.numerics import Array, jnp, module_for
+from rovtwin.core.types import Matrix6, Vector6
 from rovtwin.vehicle.physics.dynamics import restoring_lever
 from rovtwin.vehicle.physics.model import Model
 
 
-def damping_jacobian(model: Model, nu: Array, size: int = 6) -> Array:
-    """d(D(nu) nu)/dnu of the first `size` components, shape (size, size); at zero velocity the mean of both sides.
+def damping_jacobian(model: Model, nu: Vector6, size: int = 6) -> Float[Array, "{size} {size}"]:
+    """d(D(nu) nu)/dnu of the first `size` components; at zero velocity the mean of both sides.
 
     Args:
         model: Its damping matrices are used.
-        nu: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
+        nu: Velocity through the water, b at CO [m/s, rad/s].
         size: 6, or 3 for forces by linear velocities alone.
     """
     v = nu[:size]
 
-    def part(matrix: Array) -> Array:
+    def part(matrix: Matrix6) -> Float[Array, "m m"]:
         return matrix if size == 6 else matrix[:size, :size]
 
     ahead = jnp.where(v > 0, 1.0, jnp.where(v < 0, 0.0, 0.5))
@@ -33,8 +37,8 @@ def damping_jacobian(model: Model, nu: Array, size: int = 6) -> Array:
     return linear + 2.0 * quadratic * jnp.abs(v)
 
 
-def coriolis_jacobian(mass: Array, nu: Array) -> Array:
-    """d(C(nu) nu)/dnu of a full inertia matrix, shapes (6, 6)."""
+def coriolis_jacobian(mass: Matrix6, nu: Vector6) -> Matrix6:
+    """d(C(nu) nu)/dnu of a full inertia matrix."""
     momentum = mass @ nu
     S_p, S_h, S_v, S_w = skew(momentum[:3]), skew(momentum[3:]), skew(nu[:3]), skew(nu[3:])
     upper = product(S_w, mass[:3]) - jnp.concatenate([jnp.zeros((3, 3)), S_p], axis=1)
@@ -42,15 +46,15 @@ def coriolis_jacobian(mass: Array, nu: Array) -> Array:
     return jnp.concatenate([upper, lower])
 
 
-def restoring_jacobian(model: Model) -> Array:
-    """dg/d(down_b), shape (6, 3): g is linear in the direction of gravity."""
+def restoring_jacobian(model: Model) -> Float[Array, "6 3"]:
+    """dg/d(down_b): g is linear in the direction of gravity."""
     force = (model.weight - model.buoyancy) * jnp.eye(3)
     moment = model.weight * skew(model.center_of_gravity) - model.buoyancy * skew(model.center_of_buoyancy)
     return -jnp.concatenate([force, moment])
 
 
-def restoring_stiffness(model: Model) -> Any:
-    """Slope of the restoring wrench of each axis at level trim, shape (6,); roll and pitch only [N m/rad].
+def restoring_stiffness(model: Model) -> Float[Array | np.ndarray, "6"]:
+    """Slope of the restoring wrench of each axis at level trim; roll and pitch only [N m/rad].
 
     NumPy, but under a trace.
 

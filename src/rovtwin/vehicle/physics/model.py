@@ -3,8 +3,10 @@
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, module_for
+from rovtwin.core.types import Matrix6, Scalar, Vector3
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.discrepancy import Discrepancy
 from rovtwin.vehicle.physics.hull import Hull, cube
@@ -19,42 +21,42 @@ class Model(eqx.Module):
     multiplies velocity component j, so off-diagonal terms couple.
 
     Attributes:
-        rigid_body_mass: M_RB, shape (6, 6), symmetric positive definite. Fossen (2021), eq. 3.49.
-        added_mass: M_A, shape (6, 6).
-        linear_damping_ahead: Shape (6, 6) [N s/m, ...].
-        linear_damping_astern: Shape (6, 6).
-        quadratic_damping_ahead: Shape (6, 6) [N s2/m2, ...].
-        quadratic_damping_astern: Shape (6, 6).
+        rigid_body_mass: M_RB, symmetric positive definite. Fossen (2021), eq. 3.49.
+        added_mass: M_A.
+        linear_damping_ahead: Of positive velocities [N s/m, ...].
+        linear_damping_astern: Of negative ones.
+        quadratic_damping_ahead: Of positive velocities [N s2/m2, ...].
+        quadratic_damping_astern: Of negative ones.
         weight: W [N].
         buoyancy: B [N].
-        center_of_gravity: r_g [m], shape (3,).
-        center_of_buoyancy: r_b [m], shape (3,).
+        center_of_gravity: r_g [m].
+        center_of_buoyancy: r_b [m].
         displaced_mass: Mass of the displaced water [kg]; B / gravity unless B is an apparent value.
         thrusters: See `Thrusters`.
         hull: Where the buoyancy sits and how far the body reaches; at the surface and at walls.
         discrepancy: What these equations lack, learned from tests; None: nothing, and nothing is computed.
-        inertia: M = M_RB + M_A, shape (6, 6); derived.
+        inertia: M = M_RB + M_A; derived.
         inertia_inverse: Its inverse; derived.
-        damping: The four damping matrices side by side, shape (6, 24), as `damping_wrench` uses them; derived.
+        damping: The four damping matrices side by side, as `damping_wrench` uses them; derived.
     """
 
-    rigid_body_mass: Array
-    added_mass: Array
-    linear_damping_ahead: Array
-    linear_damping_astern: Array
-    quadratic_damping_ahead: Array
-    quadratic_damping_astern: Array
-    weight: Array
-    buoyancy: Array
-    center_of_gravity: Array
-    center_of_buoyancy: Array
-    displaced_mass: Array
+    rigid_body_mass: Matrix6
+    added_mass: Matrix6
+    linear_damping_ahead: Matrix6
+    linear_damping_astern: Matrix6
+    quadratic_damping_ahead: Matrix6
+    quadratic_damping_astern: Matrix6
+    weight: Scalar
+    buoyancy: Scalar
+    center_of_gravity: Vector3
+    center_of_buoyancy: Vector3
+    displaced_mass: Scalar
     thrusters: Thrusters
     hull: Hull
     discrepancy: Discrepancy | None
-    inertia: Array
-    inertia_inverse: Array
-    damping: Array
+    inertia: Matrix6
+    inertia_inverse: Matrix6
+    damping: Float[Array, "6 24"]
 
     def __init__(
         self,
@@ -130,8 +132,8 @@ _PARAMETERS = (
 )
 
 
-def rigid_body_matrix(mass: Any, inertia_at_cg: Any, center_of_gravity: Any) -> Array:
-    """M_RB at CO, shape (6, 6), from mass [kg], inertia tensor about CG (3, 3) [kg m2] and r_g (3,) [m].
+def rigid_body_matrix(mass: Any, inertia_at_cg: Any, center_of_gravity: Any) -> Matrix6:
+    """M_RB at CO, from mass [kg], inertia tensor about CG (3, 3) [kg m2] and r_g (3,) [m].
 
     Reference: Fossen (2021), eq. 3.49, with I_b = I_g - m S(r_g)^2.
     """

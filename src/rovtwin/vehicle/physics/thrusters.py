@@ -1,9 +1,15 @@
 """Thrusters: command -> force curve -> lag -> wrench, for any number of thrusters anywhere, in any direction."""
 
+from typing import TypeAlias
+
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Configuration, PerThruster, ScalarLike, Vector6
+
+Forces: TypeAlias = Float[Array, "... n"]  # of n thrusters, at one instant or at many
 
 _STRAIGHT = 1e-3  # share of the full force
 
@@ -15,35 +21,35 @@ class Thrusters(eqx.Module):
     and shape either `x ** exponent` (1: linear, about 2: propeller) or, for a table, interpolated.
 
     Attributes:
-        configuration: T, shape (6, n): the wrench of unit forces, b at CO. Fossen (2021), eq. 9.7.
-        force_ahead: Force at u = 1 [N], shape (n,).
-        force_astern: Size of the force at u = -1 [N], shape (n,).
-        exponent: Shape (n,).
-        dead_band: |u| up to which there is no force, shape (n,), in [0, 1).
-        time_constant: Of the first-order lag of the force [s], shape (n,); 0 is no lag.
-        rate_limit: Largest |force rate| [N/s], shape (n,); inf is none.
-        quantisation: Step to which commands are rounded, shape (n,); 0 is none.
-        health: Share of the force left, shape (n,): 1 sound, 0 dead.
-        table_command: Commands of the tables, increasing, shape (k,); k = 2 with zeros where no thruster has one.
-        table_force: Forces at them [N], shape (n, k).
-        tabulated: Whether the table holds for this thruster, shape (n,), bool.
+        configuration: T: the wrench of unit forces, b at CO. Fossen (2021), eq. 9.7.
+        force_ahead: Force at u = 1 [N].
+        force_astern: Size of the force at u = -1 [N].
+        exponent: Of the curve.
+        dead_band: |u| up to which there is no force, in [0, 1).
+        time_constant: Of the first-order lag of the force [s]; 0 is no lag.
+        rate_limit: Largest |force rate| [N/s]; inf is none.
+        quantisation: Step to which commands are rounded; 0 is none.
+        health: Share of the force left: 1 sound, 0 dead.
+        table_command: Commands of the tables, increasing; k = 2 with zeros where no thruster has one.
+        table_force: Forces at them [N].
+        tabulated: Whether the table holds for this thruster.
         inflow_loss: Share of the full force that is lost at full force for each m/s of water that comes along the push
-            [s/m], shape (n,); None: nothing is lost, and nothing is computed.
+            [s/m]; None: nothing is lost, and nothing is computed.
     """
 
-    configuration: Array
-    force_ahead: Array
-    force_astern: Array
-    exponent: Array
-    dead_band: Array
-    time_constant: Array
-    rate_limit: Array
-    quantisation: Array
-    health: Array
-    table_command: Array
-    table_force: Array
-    tabulated: Array
-    inflow_loss: Array | None = None
+    configuration: Configuration
+    force_ahead: PerThruster
+    force_astern: PerThruster
+    exponent: PerThruster
+    dead_band: PerThruster
+    time_constant: PerThruster
+    rate_limit: PerThruster
+    quantisation: PerThruster
+    health: PerThruster
+    table_command: Float[Array, " k"]
+    table_force: Float[Array, "n k"]
+    tabulated: Bool[Array, " n"]
+    inflow_loss: PerThruster | None = None
 
     @property
     def count(self) -> int:
@@ -51,9 +57,9 @@ class Thrusters(eqx.Module):
 
 
 def thrusters_from(
-    configuration: Array,
-    force_ahead: Array,
-    force_astern: Array | None = None,
+    configuration: Configuration,
+    force_ahead: PerThruster,
+    force_astern: PerThruster | None = None,
     **others: Array,
 ) -> Thrusters:
     """Thrusters with neutral values for what is not given: linear, no dead band, no lag, no limits, sound, no table."""
@@ -79,8 +85,8 @@ def _has_tables(thrusters: Thrusters) -> bool:
     return thrusters.table_command.shape[-1] > 2
 
 
-def static_force(thrusters: Thrusters, u: Array) -> Array:
-    """Force that each thruster settles at [N], shape (n,), for commands u, shape (n,); beyond +-1 they are clipped."""
+def static_force(thrusters: Thrusters, u: PerThruster) -> PerThruster:
+    """Force that each thruster settles at [N] for commands u; beyond +-1 they are clipped."""
     step = jnp.where(thrusters.quantisation > 0, thrusters.quantisation, 1.0)
     u = jnp.where(thrusters.quantisation > 0, jnp.round(u / step) * step, u)
     u = jnp.clip(u, -1.0, 1.0)  # last: rounding must not ask for more than there is
@@ -94,13 +100,13 @@ def static_force(thrusters: Thrusters, u: Array) -> Array:
     return thrusters.health * force
 
 
-def _interpolate(grid: Array, table: Array, u: Array) -> Array:
-    """Row i of the table (n, k) at u_i, linearly on the increasing grid (k,)."""
+def _interpolate(grid: Float[Array, " k"], table: Float[Array, "n k"], u: PerThruster) -> PerThruster:
+    """Row i of the table at u_i, linearly on the increasing grid."""
     upper = jnp.clip(jnp.sum(grid[None, :] <= u[:, None], axis=1), 1, grid.shape[0] - 1)
     cell = jnp.arange(grid.shape[0])[None, :]
     left, right = cell == upper[:, None] - 1, cell == upper[:, None]
 
-    def pick(values: Array, which: Array) -> Array:
+    def pick(values: Float[Array, "#n k"], which: Bool[Array, "n k"]) -> PerThruster:
         return jnp.sum(jnp.where(which, values, 0.0), axis=1)
 
     x0, x1 = pick(grid[None, :], left), pick(grid[None, :], right)
@@ -108,8 +114,8 @@ def _interpolate(grid: Array, table: Array, u: Array) -> Array:
     return f0 + (f1 - f0) * (u - x0) / (x1 - x0)
 
 
-def command_for_force(thrusters: Thrusters, force: Array) -> Array:
-    """Command that settles at the desired force, shape (n,): the inverse of `static_force` for sound thrusters.
+def command_for_force(thrusters: Thrusters, force: PerThruster) -> PerThruster:
+    """Command that settles at the desired force: the inverse of `static_force` for sound thrusters.
 
     Forces beyond the limits give +-1; zero force gives zero command, any other one that clears the dead band.
     Health is not undone here: an autopilot does not know of a fault unless its model says so.
@@ -124,7 +130,7 @@ def command_for_force(thrusters: Thrusters, force: Array) -> Array:
     return u
 
 
-def _invert_tables(thrusters: Thrusters, force: Array) -> Array:
+def _invert_tables(thrusters: Thrusters, force: PerThruster) -> PerThruster:
     """Command at a force, per thruster; a table is non-decreasing, and within its dead band the answer is zero."""
     grid, table = thrusters.table_command, thrusters.table_force
     f0, f1 = table[:, :-1], table[:, 1:]
@@ -139,8 +145,8 @@ def _invert_tables(thrusters: Thrusters, force: Array) -> Array:
     return jnp.where(jnp.abs(force) > 1e-9, jnp.sum(jnp.where(chosen, u, 0.0), axis=1), 0.0)
 
 
-def lag(thrusters: Thrusters, force: Array, target: Array, dt: float | Array) -> Array:
-    """Force after dt [N], shape (n,): exact first-order response to a constant target, then the rate limit.
+def lag(thrusters: Thrusters, force: Forces, target: Forces, dt: ScalarLike) -> Forces:
+    """Force after dt [N]: exact first-order response to a constant target, then the rate limit.
 
     The thesis's (5.1) is the implicit Euler step of the same lag; this is exact at any step.
     """
@@ -151,19 +157,19 @@ def lag(thrusters: Thrusters, force: Array, target: Array, dt: float | Array) ->
     return force + jnp.clip(change, -room, room)
 
 
-def force_just_after(thrusters: Thrusters, force: Array, target: Array) -> Array:
-    """Force right after a new target [N], shape (n,): a thruster without lag and rate limit jumps, others stay."""
+def force_just_after(thrusters: Thrusters, force: Forces, target: Forces) -> Forces:
+    """Force right after a new target [N]: a thruster without lag and rate limit jumps, others stay."""
     jumps = (thrusters.time_constant <= 0) & jnp.isinf(thrusters.rate_limit)
     return jnp.where(jumps, target, force)
 
 
-def half_steps(thrusters: Thrusters, force: Array, target: Array, dt: float | Array) -> tuple[Array, Array, Array]:
-    """Forces right after a new target, half of dt later, and dt later [N], shapes (n,): the lag is exact at each.
+def half_steps(thrusters: Thrusters, force: Forces, target: Forces, dt: ScalarLike) -> tuple[Forces, Forces, Forces]:
+    """Forces right after a new target, half of dt later, and dt later [N]: the lag is exact at each.
 
     Args:
         thrusters: With their lag.
-        force: Before [N], shape (n,).
-        target: That they settle at [N], shape (n,).
+        force: Before [N].
+        target: That they settle at [N].
         dt: [s].
     """
     begin = force_just_after(thrusters, force, target)
@@ -172,14 +178,14 @@ def half_steps(thrusters: Thrusters, force: Array, target: Array, dt: float | Ar
 
 
 @jax.jit
-def force_limits(thrusters: Thrusters) -> tuple[Array, Array]:
-    """Lowest and highest force that commands reach [N], shapes (n,) and (n,)."""
+def force_limits(thrusters: Thrusters) -> tuple[PerThruster, PerThruster]:
+    """Lowest and highest force that commands reach [N]."""
     one = jnp.ones_like(thrusters.force_ahead)
     return static_force(thrusters, -one), static_force(thrusters, one)
 
 
-def inflow_damping(thrusters: Thrusters, force: Array) -> Array:
-    """Force that each thruster loses for each m/s of water along its push [N s/m], shape (n,), at forces (n,) [N].
+def inflow_damping(thrusters: Thrusters, force: Forces) -> Forces:
+    """Force that each thruster loses for each m/s of water along its push [N s/m], at forces [N].
 
     A propeller gives T_nn n|n| - T_nv |n| u: with n ~ sqrt(f) the loss grows with the square root of the force. Below a
     thousandth of the full force the root is straightened, so that its slope stays finite.
@@ -192,14 +198,14 @@ def inflow_damping(thrusters: Thrusters, force: Array) -> Array:
     return thrusters.inflow_loss * full * share / jnp.sqrt(share + _STRAIGHT)
 
 
-def inflow_wrench(configuration: Array, damping: Array, nu_r: Array) -> Array:
-    """What an inflow takes of the thrusters' wrench, b at CO [N, N m], shape (6,): -T diag(d) T' nu_r, never a gain.
+def inflow_wrench(configuration: Configuration, damping: PerThruster, nu_r: Vector6) -> Vector6:
+    """What an inflow takes of the thrusters' wrench, b at CO [N, N m]: -T diag(d) T' nu_r, never a gain.
 
     T' nu_r is the speed of each thruster along its push, by the principle of work.
 
     Args:
-        configuration: T, shape (6, n).
-        damping: d, see `inflow_damping`, shape (n,).
-        nu_r: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
+        configuration: T.
+        damping: d, see `inflow_damping`.
+        nu_r: Velocity through the water, b at CO [m/s, rad/s].
     """
     return -configuration @ (damping * (configuration.T @ nu_r))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.solids.shells import outer_shells
@@ -19,13 +20,13 @@ class ClosedMesh:
     """A closed surface without cavities, normals outward.
 
     Attributes:
-        vertices: In the file's axes and units, shape (n, 3).
-        faces: Rows of vertices, shape (m, 3).
+        vertices: In the file's axes and units.
+        faces: Rows of vertices.
         notes: What was mended, one line each.
     """
 
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
     notes: tuple[str, ...]
 
 

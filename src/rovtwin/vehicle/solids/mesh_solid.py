@@ -13,6 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 from PIL import Image, ImageDraw
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
@@ -40,42 +41,42 @@ class MeshSolid:
     """A mesh in numbers, seen from the middle of the box around it, in that box's axes.
 
     Attributes:
-        middle: Of the box, in the file's frame [m], shape (3,).
-        rotation: Of the box's axes to the file's, shape (3, 3): the file's own, or the principal axes.
-        size: Of the box [m], shape (3,).
+        middle: Of the box, in the file's frame [m].
+        rotation: Of the box's axes to the file's: the file's own, or the principal axes.
+        size: Of the box [m].
         volume: [m3].
-        centroid: Centre of volume [m], shape (3,).
-        second_moment: Of the volume about its centre, per volume [m2], shape (3, 3).
-        silhouettes: Seen along x, y, z: places (k, 3) [m] and areas (k,) [m2].
-        solidity: Area of each silhouette over that of the convex hull, shape (3,).
-        fullness: Area of the convex hull seen along x, y, z over that of an ellipse in the box's face, at most 1, (3,).
-        trapped: Water between the first and the last wall along x, y, z [m3], shape (3,).
-        weights: Shares of box, cylinder along x, y, z and ellipsoid, shape (5,).
-        outline: Corners of the convex hull [m], shape (n, 3).
-        vertices: Of the surface [m], shape (k, 3).
-        faces: Rows of vertices, shape (m, 3), normals outward.
+        centroid: Centre of volume [m].
+        second_moment: Of the volume about its centre, per volume [m2].
+        silhouettes: Seen along x, y, z: places [m] and areas [m2].
+        solidity: Area of each silhouette over that of the convex hull.
+        fullness: Area of the convex hull seen along x, y, z over that of an ellipse in the box's face, at most 1.
+        trapped: Water between the first and the last wall along x, y, z [m3].
+        weights: Shares of box, cylinder along x, y, z and ellipsoid.
+        outline: Corners of the convex hull [m].
+        vertices: Of the surface [m].
+        faces: Rows of vertices, normals outward.
         notes: What was mended, or is to be known of it, one line each.
     """
 
-    middle: np.ndarray
-    rotation: np.ndarray
-    size: np.ndarray
+    middle: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"]
+    size: Float[np.ndarray, "3"]
     volume: float
-    centroid: np.ndarray
-    second_moment: np.ndarray
-    silhouettes: tuple[tuple[np.ndarray, np.ndarray], ...]
-    solidity: np.ndarray
-    fullness: np.ndarray
-    trapped: np.ndarray
-    weights: np.ndarray
-    outline: np.ndarray
-    vertices: np.ndarray
-    faces: np.ndarray
+    centroid: Float[np.ndarray, "3"]
+    second_moment: Float[np.ndarray, "3 3"]
+    silhouettes: tuple[tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, " _"]], ...]
+    solidity: Float[np.ndarray, "3"]
+    fullness: Float[np.ndarray, "3"]
+    trapped: Float[np.ndarray, "3"]
+    weights: Float[np.ndarray, "5"]
+    outline: Float[np.ndarray, "n 3"]
+    vertices: Float[np.ndarray, "k 3"]
+    faces: Int[np.ndarray, "m 3"]
     notes: tuple[str, ...]
 
     @property
-    def areas(self) -> np.ndarray:
-        """Projected, along x, y, z [m2], shape (3,)."""
+    def areas(self) -> Float[np.ndarray, "3"]:
+        """Projected, along x, y, z [m2]."""
         return np.array([area.sum() for _, area in self.silhouettes])
 
 
@@ -111,8 +112,10 @@ def _read(path: str, scale: float, stamp: object) -> MeshSolid:
     return solid_of(vertices, mesh.faces, notes)
 
 
-def solid_of(vertices: np.ndarray, faces: np.ndarray, notes: tuple[str, ...] = ()) -> MeshSolid:
-    """The solid that a closed surface encloses: vertices (n, 3) [m], faces (m, 3) with outward normals."""
+def solid_of(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], notes: tuple[str, ...] = ()
+) -> MeshSolid:
+    """The solid that a closed surface encloses: vertices [m], faces with outward normals."""
     volume, centroid, second = _moments(vertices[faces])
     hull = ConvexHull(vertices)
     rotation = _axes(vertices[hull.vertices], second)
@@ -144,14 +147,14 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, notes: tuple[str, ...] = (
     )
 
 
-def open_share(solidity: np.ndarray) -> np.ndarray:
-    """What gaps leave of added mass along each axis, shape (3,): DNV-RP-N103, sec. 4.6.4, on the silhouette's gaps."""
+def open_share(solidity: Float[np.ndarray, " *axes"]) -> Float[np.ndarray, "*axes"]:
+    """What gaps leave of added mass along each axis: DNV-RP-N103, sec. 4.6.4, on the silhouette's gaps."""
     gaps = 100.0 * (1.0 - solidity)
     mild = 0.7 + 0.3 * np.cos(np.pi * (gaps - 5.0) / 34.0)
     return np.where(gaps <= 5, 1.0, np.where(gaps < 34, mild, np.exp((10.0 - gaps) / 28.0)))
 
 
-def _require_metres(corners: np.ndarray, name: str, scale: float) -> None:
+def _require_metres(corners: Float[np.ndarray, "m 3 3"], name: str, scale: float) -> None:
     longest = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     if SMALLEST <= longest <= LARGEST:
         return
@@ -162,7 +165,7 @@ def _require_metres(corners: np.ndarray, name: str, scale: float) -> None:
     raise ConfigError(f"{name}: found a body {longest:.3g} m long, expected {SMALLEST:g} to {LARGEST:g} m; {hint}")
 
 
-def _moments(triangles: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def _moments(triangles: Float[np.ndarray, "m 3 3"]) -> tuple[float, Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
     """Volume, centre, and second moments about it per volume, from the tetrahedra that triangles make with a point."""
     about = triangles.mean(axis=(0, 1))  # near the body: no digits are lost to a far origin
     corners = triangles - about
@@ -175,8 +178,8 @@ def _moments(triangles: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     return float(volume), centroid + about, squares / 120 / volume - np.outer(centroid, centroid)
 
 
-def _axes(points: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The file's axes, or the principal ones where the box around the points is smaller in these, shape (3, 3)."""
+def _axes(points: Float[np.ndarray, "n 3"], second: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """The file's axes, or the principal ones where the box around the points is smaller in these."""
     vectors = np.linalg.eigh(second)[1]
     order = np.abs(vectors).argmax(axis=0)
     if len(set(order.tolist())) < 3:
@@ -187,7 +190,7 @@ def _axes(points: np.ndarray, second: np.ndarray) -> np.ndarray:
     return R if smaller and np.linalg.det(R) > 0 else np.eye(3)
 
 
-def _shadow(triangles: np.ndarray, size: np.ndarray, axis: int) -> np.ndarray:
+def _shadow(triangles: Float[np.ndarray, "m 3 3"], size: Float[np.ndarray, "3"], axis: int) -> np.ndarray:
     """Pixels that are covered, seen along an axis: rows along the axis after the next, columns along the next."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     image = Image.new("L", (_PIXELS, _PIXELS))
@@ -198,14 +201,16 @@ def _shadow(triangles: np.ndarray, size: np.ndarray, axis: int) -> np.ndarray:
     return np.asarray(image)
 
 
-def _shares(shadow: np.ndarray, count: int) -> np.ndarray:
+def _shares(shadow: np.ndarray, count: int) -> Float[np.ndarray, "{count} {count}"]:
     """Covered share of each of count x count cells."""
     block = _PIXELS // count
     return shadow.reshape(count, block, count, block).mean(axis=(1, 3))
 
 
-def _silhouette(shadow: np.ndarray, size: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """What is seen along an axis: middles of covered cells (k, 3), in the plane through the middle, and areas (k,)."""
+def _silhouette(
+    shadow: np.ndarray, size: Float[np.ndarray, "3"], axis: int
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """What is seen along an axis: middles of covered cells, in the plane through the middle, and areas."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     span = size[[j, k]]
     share = _shares(shadow, _CELLS)
@@ -216,7 +221,9 @@ def _silhouette(shadow: np.ndarray, size: np.ndarray, axis: int) -> tuple[np.nda
     return points, share[rows, columns] * span.prod() / _CELLS**2
 
 
-def _trapped(triangles: np.ndarray, shadow: np.ndarray, size: np.ndarray, axis: int, volume: float) -> float:
+def _trapped(
+    triangles: Float[np.ndarray, "m 3 3"], shadow: np.ndarray, size: Float[np.ndarray, "3"], axis: int, volume: float
+) -> float:
     """Volume between the first and the last surface on lines along an axis, less what the solid fills of it [m3]."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     flat = (triangles[:, :, [j, k]] / size[[j, k]] + 0.5) * _RAYS
@@ -237,8 +244,8 @@ def _trapped(triangles: np.ndarray, shadow: np.ndarray, size: np.ndarray, axis: 
     return max(between - _SLACK * volume, 0.0)
 
 
-def _weights(fill: float, faces: np.ndarray) -> np.ndarray:
-    """Shares of the simple solids that fill the box and its faces alike, shape (5,); they sum to 1."""
+def _weights(fill: float, faces: Float[np.ndarray, "3"]) -> Float[np.ndarray, "5"]:
+    """Shares of the simple solids that fill the box and its faces alike; they sum to 1."""
     target = np.array([max(fill, np.pi / 6), *np.clip(faces, np.pi / 4, 1.0)])
     weights = nnls(np.vstack([_FILL, np.full(5, 10.0)]), np.append(target, 10.0))[0]
     return weights / weights.sum()

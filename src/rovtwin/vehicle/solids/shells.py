@@ -4,26 +4,29 @@ Cavities (a pressure hull's inner wall) are no wetted surface; shells may run in
 """
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 _CHUNK = 2_000_000  # pairs of points and triangles at a time
 
 
-def shell_of(faces: np.ndarray) -> np.ndarray:
-    """Which shell each triangle is of, shape (m,), by shared vertices."""
+def shell_of(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
+    """Which shell each triangle is of, by shared vertices."""
     count = int(faces.max()) + 1
     links = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
     return np.unique(connected_components(graph, directed=False)[1][faces[:, 0]], return_inverse=True)[1]
 
 
-def outer_shells(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def outer_shells(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> tuple[Int[np.ndarray, "kept 3"], list[str]]:
     """Triangles without cavities, all normals outward, and what was done.
 
     Args:
-        vertices: Shape (n, 3) [m].
-        faces: Closed, shape (m, 3).
+        vertices: [m].
+        faces: Closed.
     """
     shell = shell_of(faces)
     pieces = [faces[shell == i] for i in range(int(shell.max()) + 1)]
@@ -45,8 +48,8 @@ def outer_shells(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, l
     return np.concatenate(kept), notes
 
 
-def wet_share(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
-    """1 for triangles in the water, 0 for those inside another shell, shape (m,); None where all are in the water."""
+def wet_share(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"] | None:
+    """1 for triangles in the water, 0 for those inside another shell; None where all are in the water."""
     shell = shell_of(faces)
     centers = vertices[faces].mean(axis=1)
     dry = np.zeros(len(faces), dtype=bool)
@@ -56,8 +59,8 @@ def wet_share(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
     return (~dry).astype(float) if dry.any() else None
 
 
-def inside(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Which points, shape (n, 3), a closed surface of triangles (m, 3, 3) goes round.
+def inside(points: Float[np.ndarray, "n 3"], triangles: Float[np.ndarray, "m 3 3"]) -> Bool[np.ndarray, " n"]:
+    """Which points a closed surface of triangles goes round.
 
     By the solid angle of every triangle: Van Oosterom and Strackee (1983), IEEE Trans. Biomed. Eng. 30(2):125.
     """
@@ -73,6 +76,6 @@ def inside(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return found
 
 
-def _volume(triangles: np.ndarray) -> float:
+def _volume(triangles: Float[np.ndarray, "m 3 3"]) -> float:
     a, b, c = np.moveaxis(triangles, 1, 0)
     return float(np.sum(a * np.cross(b, c)) / 6)

@@ -9,8 +9,10 @@ that are no parameters leave room for them.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Matrix6
 from rovtwin.vehicle.physics.model import Model
 
 Place = int | np.ndarray  # a direction's number, or those of several couplings at once
@@ -67,7 +69,7 @@ def bound_of(name: str) -> float:
     return _SKEW_BOUND if name.partition(".")[2] in SKEW else _BOUND
 
 
-def share_of(matrix: Array | np.ndarray, model: Model, name: str) -> Array:
+def share_of(matrix: Float[Array | np.ndarray, "6 6"], model: Model, name: str) -> Float[Array | np.ndarray, ""]:
     """Share of a coupling in what its diagonals allow, of a family's matrix (6, 6) or of a change of it."""
     i, j = _PLACES[name]
     return matrix[j, i] / share_unit(*_sides(model, name.partition(".")[0]), i, j)
@@ -83,14 +85,16 @@ def shares(model: Model) -> dict[str, float]:
     return found
 
 
-def with_added_mass(matrix: Array, i: Place, j: Place, share: Array) -> Array:
-    """M_A, shape (6, 6), with another share of M_ij = M_ji."""
+def with_added_mass(matrix: Matrix6, i: Place, j: Place, share: Float[Array, "*axes"]) -> Matrix6:
+    """M_A with another share of M_ij = M_ji."""
     element = share * share_unit(matrix, matrix, 1, i, j)
     return matrix.at[i, j].set(element).at[j, i].set(element)
 
 
-def with_damping(side: Array, other: Array, power: int, i: Place, j: Place, share: Array) -> tuple[Array, Array]:
-    """Damping ~ |nu|^power of a side, shape (6, 6), with motion i acting farther out, by another share of response j.
+def with_damping(
+    side: Matrix6, other: Matrix6, power: int, i: Place, j: Place, share: Float[Array, "*axes"]
+) -> tuple[Matrix6, Matrix6]:
+    """Damping ~ |nu|^power of a side, with motion i acting farther out, by another share of response j.
 
     On the other side it acts as much farther out.
     """
@@ -98,7 +102,7 @@ def with_damping(side: Array, other: Array, power: int, i: Place, j: Place, shar
     return side.at[j, i].add(lever * side[i, i]), other.at[j, i].add(lever * other[i, i])
 
 
-def _sides(model: Model, family: str) -> tuple[Array, Array, int]:
+def _sides(model: Model, family: str) -> tuple[Matrix6, Matrix6, int]:
     """Matrix of a family, that of the other side, ahead or astern, and the power of the speed; M_A has no sides."""
     if family == "added_mass":
         return model.added_mass, model.added_mass, 1
@@ -108,7 +112,7 @@ def _sides(model: Model, family: str) -> tuple[Array, Array, int]:
     return side, other, POWERS[order]
 
 
-def share_unit(side: Array, other: Array, power: int, i: Place, j: Place) -> Array:
+def share_unit(side: Matrix6, other: Matrix6, power: int, i: Place, j: Place) -> Float[Array, "..."]:
     """Of D_ji on one side of motion i; the response meets either side of motion j, of which the weaker counts."""
     weaker = jnp.minimum(side[j, j], other[j, j])
     return side[i, i] ** (power / (power + 1)) * weaker ** (1 / (power + 1))

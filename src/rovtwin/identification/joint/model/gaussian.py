@@ -3,15 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
-    """What is known of theta: mean (n,) and covariance (n, n)."""
+    """What is known of theta."""
 
-    mean: np.ndarray
-    covariance: np.ndarray
+    mean: Float[np.ndarray, " n"]
+    covariance: Float[np.ndarray, "n n"]
 
     @property
-    def information(self) -> np.ndarray:
+    def information(self) -> Float[np.ndarray, "n n"]:
         return np.linalg.inv(self.covariance)

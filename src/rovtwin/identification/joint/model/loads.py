@@ -2,9 +2,12 @@
 
 from typing import Any, NamedTuple
 
+from jaxtyping import Float
+
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index, Scalar, Vector6
 from rovtwin.identification.joint.model.nodes import Nodes
 from rovtwin.identification.joint.model.parameters import Extras
 from rovtwin.vehicle.physics.dynamics import acceleration
@@ -15,25 +18,32 @@ WRENCH = 6  # numbers of thrust that are its wrench
 
 
 def thrust_history(
-    thrusters: Thrusters, command: Array, held: Array, fresh: Array, step: float, delay: Array | None = None
-) -> Array:
-    """Thrust at the start, middle and end of every step, shape (S, K, 3, 6), or (S, K, 3, 6 + n) with a loss to inflow.
+    thrusters: Thrusters,
+    command: Float[Array, "S K m n"],
+    held: Float[Array, "S K m"],
+    fresh: Float[Array, "S K"],
+    step: float,
+    delay: Scalar | None = None,
+) -> Float[Array, "S K 3 _"]:
+    """Thrust at the start, middle and end of every step: 6 numbers, with a loss to inflow 6 + n.
 
     That is the wrench of the thrusters, and what each loses for each m/s of inflow, see `accelerated`.
 
     Args:
         thrusters: With their lag.
-        command: Those of each step, one after the other, shape (S, K, m, n).
-        held: Share of the step that each is held, shape (S, K, m).
-        fresh: 1 at steps where a record begins, with thrusters settled at its first command, shape (S, K).
+        command: Those of each step, one after the other.
+        held: Share of the step that each is held.
+        fresh: 1 at steps where a record begins, with thrusters settled at its first command.
         step: [s].
-        delay: By which commands arrive late, or early where it is negative [s], shape ().
+        delay: By which commands arrive late, or early where it is negative [s].
     """
     targets = jax.vmap(jax.vmap(jax.vmap(lambda u: static_force(thrusters, u))))(command)
     flat, shares = (x.reshape(-1, *x.shape[2:]) for x in (targets, held))
     begin = fresh.reshape(-1)
 
-    def one(force: Array, now: tuple[Array, Array, Array]) -> tuple[Array, _Cell]:
+    def one(
+        force: Float[Array, " n"], now: tuple[Float[Array, "m n"], Float[Array, " m"], Scalar]
+    ) -> tuple[Float[Array, " n"], _Cell]:
         goals, share, begins = now
         return _through_step(thrusters, jnp.where(begins > 0, goals[0], force), goals, share, step)
 
@@ -50,24 +60,26 @@ def thrust_history(
 
 
 class _Cell(NamedTuple):
-    """Forces of thrusters in a step [N], shape (n,), or of N steps, shape (N, n): at its ends, and their mean."""
+    """Forces of thrusters in a step [N], or of N steps: at its ends, and their mean."""
 
-    first: Array
-    mean: Array
-    last: Array
+    first: Float[Array, "*N n"]
+    mean: Float[Array, "*N n"]
+    last: Float[Array, "*N n"]
 
 
-def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array, step: float) -> tuple[Array, _Cell]:
-    """Forces at the end of a step, shape (n,), and in it.
+def _through_step(
+    thrusters: Thrusters, force: Float[Array, " n"], goals: Float[Array, "m n"], held: Float[Array, " m"], step: float
+) -> tuple[Float[Array, " n"], _Cell]:
+    """Forces at the end of a step, and in it.
 
     Each command acts for as long as it is held: with the lag of their mean a thruster is off in time by up to an
     eighth of the step squared over its time constant.
 
     Args:
         thrusters: With their lag.
-        force: Before [N], shape (n,).
-        goals: Forces that they settle at, one after the other [N], shape (m, n).
-        held: Share of the step that each is held, shape (m,).
+        force: Before [N].
+        goals: Forces that they settle at, one after the other [N].
+        held: Share of the step that each is held.
         step: [s].
     """
     first, mean = force_just_after(thrusters, force, goals[0]), jnp.zeros_like(force)
@@ -80,11 +92,11 @@ def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array,
     return force, _Cell(first, mean, force)
 
 
-def _delayed(cells: _Cell, begin: Array, shift: Array) -> _Cell:
+def _delayed(cells: _Cell, begin: Float[Array, " N"], shift: Scalar) -> _Cell:
     """The same so many steps later.
 
     In a step the impulse so far is the cubic with the forces at both ends as its slopes, so that no impulse is lost,
-    whatever the shift. At the ends of a record, whose steps begin where `begin` (N,) is 1, its first or last force
+    whatever the shift. At the ends of a record, whose steps begin where `begin` is 1, its first or last force
     goes on.
     """
     count = len(begin)
@@ -93,14 +105,14 @@ def _delayed(cells: _Cell, begin: Array, shift: Array) -> _Cell:
     following = jnp.concatenate([begin[1:], jnp.ones(1)]) > 0
     high = jax.lax.cummin(jnp.where(following, number, count - 1), reverse=True)
 
-    def impulse(cell: _Cell, s: Array) -> Array:
+    def impulse(cell: _Cell, s: Scalar) -> Float[Array, " n"]:
         return cell.first * s * (1.0 - s) ** 2 + cell.mean * s**2 * (3.0 - 2.0 * s) - cell.last * s**2 * (1.0 - s)
 
-    def force(cell: _Cell, s: Array) -> Array:
+    def force(cell: _Cell, s: Scalar) -> Float[Array, " n"]:
         ends = cell.first * (1.0 - s) * (1.0 - 3.0 * s) - cell.last * s * (2.0 - 3.0 * s)
         return ends + 6.0 * cell.mean * s * (1.0 - s)
 
-    def at(k: Array, low: Array, high: Array) -> _Cell:
+    def at(k: Scalar, low: Index, high: Index) -> _Cell:
         begins, ends = (jnp.clip(k + side - shift, low, high + 1.0) for side in (0.0, 1.0))
         a = jnp.clip(jnp.floor(begins), low, high).astype(int)
         b = jnp.clip(jnp.ceil(ends) - 1.0, low, high).astype(int)
@@ -114,23 +126,23 @@ def _delayed(cells: _Cell, begin: Array, shift: Array) -> _Cell:
     return jax.vmap(at)(1.0 * number, low, high)
 
 
-def accelerated(model: Model, extras: Extras, own: dict[str, Any], x: Nodes, thrust: Array) -> Array:
-    """nu_dot in a segment, shape (6,).
+def accelerated(model: Model, extras: Extras, own: dict[str, Any], x: Nodes, thrust: Float[Array, " _"]) -> Vector6:
+    """nu_dot in a segment.
 
     Args:
         model: With the segment's ballast.
         extras: Of the test.
         own: The segment's, as of `load_wrench`.
         x: State.
-        thrust: Wrench, shape (6,), apart from loads, since learned wrenches depend on it; where there is more, what
-            each thruster loses for each m/s of inflow [N s/m], shape (6 + n,).
+        thrust: Wrench, apart from loads, since learned wrenches depend on it; where there is more, what
+            each thruster loses for each m/s of inflow [N s/m].
     """
     calm = Environment.calm(velocity=own["current"], wrench=load_wrench(x, own, extras))
     inflow = thrust[WRENCH:] if thrust.shape[0] > WRENCH else None
     return acceleration(model, x.position, x.attitude, x.nu, thrust[:WRENCH], calm, inflow=inflow)
 
 
-def load_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
+def load_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Vector6:
     """Wrench of what belongs to the test: known ballast, and the tether's drag, b at CO."""
     R_bn = rotation_from_quaternion(x.attitude).T
     through = x.nu[:3] - R_bn @ own["current"]

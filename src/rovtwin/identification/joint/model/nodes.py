@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+from jaxtyping import Float
+
 from rovtwin.core.frames import quaternion_multiply, quaternion_normalise, rotation_between
 from rovtwin.core.numerics import Array, jnp
 
@@ -26,7 +28,7 @@ def undisturbed(position: Any, attitude: Any, nu: Any) -> Nodes:
     return Nodes(position, attitude, nu, 0.0 * nu)
 
 
-def moved(node: Nodes, error: Array) -> Nodes:
+def moved(node: Nodes, error: Float[Array, "18"]) -> Nodes:
     """A state off by an error (18,): position, nu and push by sums, attitude by a small rotation in b."""
     angle = error[3:6]
     square = angle @ angle
@@ -36,7 +38,7 @@ def moved(node: Nodes, error: Array) -> Nodes:
     return Nodes(node.position + error[:3], attitude, node.nu + error[6:12], node.push + error[12:])
 
 
-def difference(a: Nodes, b: Nodes) -> Array:
+def difference(a: Nodes, b: Nodes) -> Float[Array, "18"]:
     """The error (18,) of a state a against b: `moved` by it, b is a to first order."""
     angle = rotation_between(a.attitude, b.attitude)
     return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu, a.push - b.push])

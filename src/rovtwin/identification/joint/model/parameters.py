@@ -14,9 +14,11 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Matrix6, Scalar, Vector3, Vector6
 from rovtwin.identification.joint.model.couplings import (
     POWERS,
     bound_of,
@@ -105,13 +107,13 @@ class Extras(eqx.Module):
     Attributes:
         tether_drag: Force on the vehicle per metre paid out and square of its speed [N s2/m3].
         delay: Of the commands on their way to the thrusters, beside what the log says [s]; None: no parameter.
-        mounting: By which the gyro is turned against what the file says, a small rotation in b [rad], shape (3,); None:
+        mounting: By which the gyro is turned against what the file says, a small rotation in b [rad]; None:
             no parameter.
     """
 
-    tether_drag: Array
-    delay: Array | None = None
-    mounting: Array | None = None
+    tether_drag: Scalar
+    delay: Scalar | None = None
+    mounting: Vector3 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +124,14 @@ class Parameters:
         model: Starting values of everything, free or not.
         free: In the order of theta.
         groups: Thrusters that share their curve: indices by name of the group.
-        basis: Coefficients of the model's discrepancy by its weights, which are the last q of `free`, shape (q, P, m);
+        basis: Coefficients of the model's discrepancy by its weights, which are the last q of `free`;
             None where these are no parameters.
     """
 
     model: Model
     free: tuple[Parameter, ...]
     groups: Mapping[str, tuple[int, ...]]
-    basis: np.ndarray | None = None
+    basis: Float[np.ndarray, "q P m"] | None = None
 
     @property
     def names(self) -> list[str]:
@@ -138,15 +140,15 @@ class Parameters:
     def __len__(self) -> int:
         return len(self.free)
 
-    def values(self, theta: np.ndarray) -> np.ndarray:
-        """In their units, shape (n,)."""
+    def values(self, theta: Float[Array | np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """In their units."""
         return np.array([p.value(t) for p, t in zip(self.free, np.asarray(theta), strict=True)])
 
-    def thetas(self, values: Mapping[str, float]) -> np.ndarray:
+    def thetas(self, values: Mapping[str, float]) -> Float[np.ndarray, " n"]:
         """Coordinates of values by name; what is not given stays at its starting value."""
         return np.array([p.theta(values[p.name]) if p.name in values else 0.0 for p in self.free])
 
-    def scaled(self, theta: Any, s: Any) -> Array:
+    def scaled(self, theta: Any, s: Any) -> Float[Array, " n"]:
         """theta with thrust, inertia, damping and restoring times exp(s): the same motion, if all of them are free."""
         theta = jnp.asarray(theta)
         water = self._water_scaled(theta, s)
@@ -170,7 +172,7 @@ class Parameters:
                 out.append(t + s if p.positive else (p.base + t) * jnp.exp(s) - p.base)
         return jnp.stack(out)
 
-    def _water_scaled(self, theta: Array, s: Any) -> Array:
+    def _water_scaled(self, theta: Float[Array, " n"], s: Any) -> Matrix6:
         """M_A with which total inertia is exp(s) times what it is: of that only the water's share can give way."""
         matrix, rigid = self.model_at(theta)[0].added_mass, self.model.rigid_body_mass
         water = (rigid + matrix) * jnp.exp(s) - rigid
@@ -179,7 +181,7 @@ class Parameters:
         return water + jnp.diag(jnp.maximum(least - jnp.diagonal(water), 0.0))
 
     def model_at(self, theta: Any) -> tuple[Model, Extras]:
-        """The model and the test's own parameters at theta, shape (n,); differentiable."""
+        """The model and the test's own parameters at theta; differentiable."""
         theta = jnp.asarray(theta)
         value = {p.name: p.value(theta[i]) for i, p in enumerate(self.free)}
         ratio = {p.name: jnp.exp(theta[i]) for i, p in enumerate(self.free) if p.positive}
@@ -194,7 +196,7 @@ class Parameters:
             changes["discrepancy"] = with_coefficients(model.discrepancy, coefficients)
         return model.replace(**changes), _extras(value)
 
-    def _damping(self, value: Mapping[str, Array]) -> dict[str, Array]:
+    def _damping(self, value: Mapping[str, Scalar]) -> dict[str, Matrix6]:
         changes = {}
         for kind, share in (("linear_damping", (0.5, 0.5)), ("quadratic_damping", (1 / 3, 2 / 3))):
             for side in ("ahead", "astern"):
@@ -214,7 +216,7 @@ class Parameters:
                 changes[f"{kind}_{side}"] = _with_diagonal(matrix, jnp.stack(new), share)
         return changes
 
-    def _thrusters(self, value: Mapping[str, Array]) -> Any:
+    def _thrusters(self, value: Mapping[str, Scalar]) -> Any:
         thrusters = self.model.thrusters
         fields = {name: getattr(thrusters, name) for name in THRUST_UNITS}
         table, inflow = thrusters.table_force, thrusters.inflow_loss
@@ -238,30 +240,30 @@ class Parameters:
         return replace(thrusters, inflow_loss=inflow, **{name: jnp.asarray(v) for name, v in fields.items()})
 
 
-def _extras(value: Mapping[str, Array]) -> Extras:
+def _extras(value: Mapping[str, Scalar]) -> Extras:
     mounting = None
     if any(name in value for name in MOUNTING):
         mounting = jnp.stack([value.get(name, as_array(0.0)) for name in MOUNTING])
     return Extras(value.get("tether.drag", as_array(0.0)), value.get("commands.delay"), mounting)
 
 
-def _ratios(ratio: Mapping[str, Array], kind: str) -> Array:
+def _ratios(ratio: Mapping[str, Scalar], kind: str) -> Vector6:
     return jnp.stack([ratio.get(f"{kind}.{d}", jnp.ones(())) for d in DIRECTIONS])
 
 
-def _scaled(matrix: Array, ratio: Array, share: tuple[float, float]) -> Array:
+def _scaled(matrix: Matrix6, ratio: Vector6, share: tuple[float, float]) -> Matrix6:
     """Element ij times ratio_i^share[0] ratio_j^share[1]: the diagonal by its ratio, a symmetric one stays definite."""
     return matrix * (ratio ** share[0])[:, None] * (ratio ** share[1])[None, :]
 
 
-def _with_diagonal(matrix: Array, diagonal: Array, share: tuple[float, float]) -> Array:
+def _with_diagonal(matrix: Matrix6, diagonal: Vector6, share: tuple[float, float]) -> Matrix6:
     old = jnp.diagonal(matrix)
     ratio = jnp.where(old > 0, diagonal / jnp.where(old > 0, old, 1.0), 1.0)
     # A direction without damping of its own has no couplings to scale.
     return _scaled(matrix, ratio, share) + jnp.diag(jnp.where(old > 0, 0.0, diagonal))
 
 
-def _coupled(matrices: Mapping[str, Array], value: Mapping[str, Array]) -> dict[str, Array]:
+def _coupled(matrices: Mapping[str, Matrix6], value: Mapping[str, Scalar]) -> dict[str, Matrix6]:
     """Added mass and damping with the couplings that are parameters."""
     changed = dict(matrices)
     names, i, j = _couplings_of("added_mass", value)
@@ -279,14 +281,14 @@ def _coupled(matrices: Mapping[str, Array], value: Mapping[str, Array]) -> dict[
     return changed
 
 
-def _couplings_of(family: str, names: Iterable[str]) -> tuple[list[str], np.ndarray, np.ndarray]:
+def _couplings_of(family: str, names: Iterable[str]) -> tuple[list[str], Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Couplings of a family among some names, and their places."""
     found = [(n, at) for n in names if n.startswith(f"{family}.") and (at := place_of(n)) is not None]
     i, j = np.array([at for _, at in found], int).reshape(-1, 2).T
     return [n for n, _ in found], i, j
 
 
-def _restoring(model: Model, value: Mapping[str, Array]) -> dict[str, Array]:
+def _restoring(model: Model, value: Mapping[str, Scalar]) -> dict[str, Array]:
     lever = model.center_of_buoyancy - model.center_of_gravity
     parts = [
         value.get("restoring.center_of_buoyancy_x", lever[0]),

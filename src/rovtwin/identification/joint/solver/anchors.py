@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
@@ -45,7 +46,7 @@ class Anchor(Strict):
     towing: Towing | None = None
 
 
-Predicted = Callable[[Model], Array]
+Predicted = Callable[[Model], Float[Array, " k"]]
 
 
 def static_evidence(parameters: Parameters, anchors: Sequence[Mapping[str, Any]]) -> Static | None:
@@ -58,14 +59,16 @@ def static_evidence(parameters: Parameters, anchors: Sequence[Mapping[str, Any]]
     if not parts:
         return None
 
-    def residuals(theta: Array) -> Array:
+    def residuals(theta: Float[Array, " n"]) -> Float[Array, " k"]:
         model, _ = parameters.model_at(theta)
         return jnp.concatenate([(predict(model) - measured) / sd for predict, measured, sd in parts])
 
     return residuals
 
 
-def _part(parameters: Parameters, data: Mapping[str, Any], number: int) -> tuple[Predicted, np.ndarray, float]:
+def _part(
+    parameters: Parameters, data: Mapping[str, Any], number: int
+) -> tuple[Predicted, Float[np.ndarray, " k"], float]:
     where = f"anchors[{number}]"
     anchor = parse(Anchor, dict(data), where)
     if (anchor.bollard is None) == (anchor.towing is None):
@@ -76,7 +79,7 @@ def _part(parameters: Parameters, data: Mapping[str, Any], number: int) -> tuple
     return _bollard(parameters, anchor.bollard, where)
 
 
-def _bollard(parameters: Parameters, pull: Bollard, where: str) -> tuple[Predicted, np.ndarray, float]:
+def _bollard(parameters: Parameters, pull: Bollard, where: str) -> tuple[Predicted, Float[np.ndarray, "1"], float]:
     axis = DIRECTIONS.index(pull.direction)
     row = np.asarray(parameters.model.thrusters.configuration)[axis]
     if not np.any(np.abs(row) > 1e-6):
@@ -86,20 +89,20 @@ def _bollard(parameters: Parameters, pull: Bollard, where: str) -> tuple[Predict
     # Every thruster that helps is driven, by as much as it helps: a horizontal one at 45 degrees fully, too.
     u = jnp.asarray(pull.command * np.sign(np.where(np.abs(row) > 0.05 * np.abs(row).max(), row, 0.0)))
 
-    def predict(model: Model) -> Array:
+    def predict(model: Model) -> Float[Array, "1"]:
         tau = model.thrusters.configuration @ static_force(model.thrusters, u)
         return (tau + learned_wrench(model, jnp.zeros(6), tau))[axis][None]
 
     return predict, np.array([pull.force]), pull.sd
 
 
-def _towing(table: Towing, where: str) -> tuple[Predicted, np.ndarray, float]:
+def _towing(table: Towing, where: str) -> tuple[Predicted, Float[np.ndarray, " k"], float]:
     if len(table.speed) != len(table.force) or not table.speed:
         raise IdentificationError(f"{where}: found {len(table.speed)} speeds and {len(table.force)} forces")
     axis = DIRECTIONS.index(table.direction)
     nu = jnp.zeros((len(table.speed), 6)).at[:, axis].set(jnp.asarray(table.speed))
 
-    def predict(model: Model) -> Array:
+    def predict(model: Model) -> Float[Array, " k"]:
         return jax.vmap(lambda v: (damping_wrench(model, v) - learned_wrench(model, v, jnp.zeros(6)))[axis])(nu)
 
     return predict, np.array(table.force), table.sd

@@ -7,6 +7,7 @@ share. References: Rauch, Tung and Striebel (1965) for the chain; Golub and Van 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
 
@@ -15,20 +16,20 @@ class Arrow:
     """H z = b with z = (x_1 ... x_S, theta): blocks of size d, border of size n.
 
     Attributes:
-        own: H_ss, shape (S, d, d).
-        next: H_{s,s+1}, shape (S, d, d); the last is zero.
-        border: H_{s,theta}, shape (S, d, n).
-        corner: H_{theta,theta}, shape (n, n).
-        b: Right-hand side of the nodes, shape (S, d).
-        b_corner: Of the border, shape (n,).
+        own: H_ss.
+        next: H_{s,s+1}; the last is zero.
+        border: H_{s,theta}.
+        corner: H_{theta,theta}.
+        b: Right-hand side of the nodes.
+        b_corner: Of the border.
     """
 
-    own: np.ndarray
-    next: np.ndarray
-    border: np.ndarray
-    corner: np.ndarray
-    b: np.ndarray
-    b_corner: np.ndarray
+    own: Float[np.ndarray, "S d d"]
+    next: Float[np.ndarray, "S d d"]
+    border: Float[np.ndarray, "S d n"]
+    corner: Float[np.ndarray, "n n"]
+    b: Float[np.ndarray, "S d"]
+    b_corner: Float[np.ndarray, " n"]
 
     def gain(self) -> float:
         """b' H^-1 b: by how much the sum of squares falls at z, were it quadratic."""
@@ -62,22 +63,22 @@ class Arrow:
 class Factored:
     """The chain eliminated: what is left is `corner` theta = b_corner, the information on the parameters alone."""
 
-    gains: np.ndarray
-    inverses: np.ndarray
-    corner: np.ndarray
-    b_corner: np.ndarray
+    gains: Float[np.ndarray, "S d _"]
+    inverses: Float[np.ndarray, "S d d"]
+    corner: Float[np.ndarray, "n n"]
+    b_corner: Float[np.ndarray, " n"]
 
-    def border(self, damping: np.ndarray | None = None) -> np.ndarray:
-        """theta, shape (n,), with something added to the diagonal of what is known of it (Levenberg-Marquardt)."""
+    def border(self, damping: Float[np.ndarray, " n"] | None = None) -> Float[np.ndarray, " n"]:
+        """theta, with something added to the diagonal of what is known of it (Levenberg-Marquardt)."""
         corner = self.corner if damping is None else self.corner + np.diag(damping)
         return cho_solve(cho_factor(corner), self.b_corner)
 
-    def border_std(self) -> np.ndarray:
-        """Standard deviations of theta, shape (n,)."""
+    def border_std(self) -> Float[np.ndarray, " n"]:
+        """Standard deviations of theta."""
         return np.sqrt(np.diag(cho_solve(cho_factor(self.corner), np.eye(len(self.b_corner)))))
 
-    def nodes(self, theta: np.ndarray) -> np.ndarray:
-        """x at a theta, shape (S, d)."""
+    def nodes(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "S d"]:
+        """x at a theta."""
         S, d, _ = self.gains.shape
         x = np.zeros((S, d))
         for s in reversed(range(S)):
@@ -86,16 +87,20 @@ class Factored:
                 x[s] -= self.gains[s, :, :d] @ x[s + 1]
         return x
 
-    def follow(self) -> np.ndarray:
-        """How the nodes move with theta while each stays where it is best, shape (S, d, n)."""
+    def follow(self) -> Float[np.ndarray, "S d n"]:
+        """How the nodes move with theta while each stays where it is best."""
         S, d, _ = self.gains.shape
         x = -self.gains[:, :, d:-1]
         for s in reversed(range(S - 1)):
             x[s] -= self.gains[s, :, :d] @ x[s + 1]
         return x
 
-    def covariance(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Blocks of H^-1: nodes (S, d, d), node and next (S, d, d), node and theta (S, d, n), theta (n, n)."""
+    def covariance(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "S d d"], Float[np.ndarray, "S d d"], Float[np.ndarray, "S d n"], Float[np.ndarray, "n n"]
+    ]:
+        """Blocks of H^-1: nodes, node and next, node and theta, theta."""
         S, d, _ = self.gains.shape
         n = len(self.b_corner)
         corner = cho_solve(cho_factor(self.corner), np.eye(n))

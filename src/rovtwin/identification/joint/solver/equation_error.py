@@ -11,10 +11,12 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Vector6
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.model.loads import WRENCH, accelerated, thrust_history
 from rovtwin.identification.joint.model.nodes import Nodes
@@ -89,7 +91,7 @@ class Balance:
         if more < 0 or spare < 0:
             raise IdentificationError(f"found {len(arrays['command'])} segments, expected {segments} at most")
 
-        def longer(x: np.ndarray, count: int) -> np.ndarray:
+        def longer(x: Float[np.ndarray, " n *axes"], count: int) -> Float[np.ndarray, " m *axes"]:
             return np.concatenate([x, np.repeat(x[-1:], count, axis=0)])
 
         by_row = {key: arrays[key] for key in ("path", "own", "rows")}
@@ -98,12 +100,12 @@ class Balance:
         unused = np.zeros((spare, 6))
         return out | {key: np.concatenate([arrays[key], unused]) for key in ("change", "used")}
 
-    def _gaps(self, theta: Array, arrays: dict[str, Any]) -> Array:
-        """Shape (W, 6), zero where something was not seen."""
+    def _gaps(self, theta: Float[Array, " n"], arrays: dict[str, Any]) -> Float[Array, "W 6"]:
+        """Zero where something was not seen."""
         model, extras = self.parameters.model_at(theta)
         tau = self._thrust(model, arrays)
 
-        def rate(x: Nodes, tau: Array, own: dict[str, Array]) -> Array:
+        def rate(x: Nodes, tau: Float[Array, " _"], own: dict[str, Array]) -> Vector6:
             heavier = model
             if "ballast_mass" in own:
                 heavier = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
@@ -113,17 +115,19 @@ class Balance:
         change = self.grid.step * rates.reshape(-1, self.window, 6).sum(axis=1)
         return arrays["used"] * (change - arrays["change"])
 
-    def _thrust(self, model: Model, arrays: dict[str, Any]) -> Array:
-        """Thrust at the path's states (`thrust_history`), through the kernel that these went through, shape (N, ..)."""
+    def _thrust(self, model: Model, arrays: dict[str, Any]) -> Float[Array, "N _"]:
+        """Thrust at the path's states (`thrust_history`), through the kernel that these went through."""
         command = arrays["command"]
         held = jnp.ones(command.shape[:-1])  # a delay is well below what a window tells
         history = thrust_history(model.thrusters, command, held, arrays["fresh"], self.grid.step)
         return _through(self._kernel, history[:, :, 0].reshape(-1, history.shape[-1]))[arrays["rows"]]
 
-    def _missing(self, theta: Array, arrays: dict[str, Any]) -> tuple[Array, Array, Array]:
-        """What moves the vehicle beside the model's forces, mean over windows (W, 6), and nu_r and thrust there.
+    def _missing(
+        self, theta: Float[Array, " n"], arrays: dict[str, Any]
+    ) -> tuple[Float[Array, "W 6"], Float[Array, "W window 6"], Float[Array, "W window 6"]]:
+        """What moves the vehicle beside the model's forces, mean over windows, and nu_r and thrust there.
 
-        Where a component was not seen, nothing is missing along it. States and thrust have shape (W, window, 6).
+        Where a component was not seen, nothing is missing along it.
         """
         model, _ = self.parameters.model_at(theta)
         path, window = arrays["path"], (-1, self.window, 6)
@@ -133,8 +137,10 @@ class Balance:
         return missing, nu_r.reshape(window), self._thrust(model, arrays)[:, :WRENCH].reshape(window)
 
 
-def balanced(balance: Balance, segments: Segments, prior: Gaussian, static: Linear | None = None) -> np.ndarray:
-    """theta at which forces balance best, shape (n,); the prior's mean where too little was seen.
+def balanced(
+    balance: Balance, segments: Segments, prior: Gaussian, static: Linear | None = None
+) -> Float[np.ndarray, " n"]:
+    """theta at which forces balance best; the prior's mean where too little was seen.
 
     Args:
         balance: Compiled once for all segments of one shape.
@@ -146,8 +152,10 @@ def balanced(balance: Balance, segments: Segments, prior: Gaussian, static: Line
     return prior.mean.copy() if fit.used.sum() < FEWEST else lowest(fit, balance.parameters, prior)[0]
 
 
-def lowest(fit: "Fit", parameters: Parameters, prior: Gaussian) -> tuple[np.ndarray, np.ndarray]:
-    """theta (n,) of the lowest cost that is found, and the scatter there (6,)."""
+def lowest(
+    fit: "Fit", parameters: Parameters, prior: Gaussian
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "6"]]:
+    """theta of the lowest cost that is found, and the scatter there."""
     best, sigma = fit.descend(prior.mean)
     names, width = parameters.names, np.sqrt(np.diag(prior.covariance))
     for i in (i for i, name in enumerate(names) if name.endswith(".dead_band")):
@@ -171,8 +179,10 @@ class Fit:
         self._mean, self._information = prior.mean, prior.information
         self.used = np.asarray(arrays["used"])
 
-    def descend(self, theta: np.ndarray, sigma: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """theta (n,) and the scatter there (6,), by steps damped in the measure of the prior."""
+    def descend(
+        self, theta: Float[np.ndarray, " n"], sigma: Float[np.ndarray, "6"] | None = None
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "6"]]:
+        """theta and the scatter there, by steps damped in the measure of the prior."""
         damping = 1.0
         for _ in range(_STEPS):
             gaps, J = (np.asarray(x) for x in self._balance.linearised(theta, self._arrays))
@@ -191,12 +201,12 @@ class Fit:
         assert sigma is not None
         return theta, sigma
 
-    def information(self, theta: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Of the changes of velocity alone, as if each window's were independent, shape (n, n)."""
+    def information(self, theta: Float[np.ndarray, " n"], sigma: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n n"]:
+        """Of the changes of velocity alone, as if each window's were independent."""
         gaps, J = (np.asarray(x) for x in self._balance.linearised(theta, self._arrays))
         return self._normal(theta, gaps / sigma, J / sigma[:, None])[0] - self._information
 
-    def cost(self, theta: np.ndarray, sigma: np.ndarray) -> float:
+    def cost(self, theta: Float[np.ndarray, " n"], sigma: Float[np.ndarray, "6"]) -> float:
         """Sum of squares, infinite where the model has no answer."""
         far = np.abs(np.asarray(self._balance.gaps(theta, self._arrays)) / sigma)
         off = theta - self._mean
@@ -206,7 +216,9 @@ class Fit:
             total += float(np.sum(np.asarray(self._static(theta)[0]) ** 2))
         return total if np.isfinite(total) else np.inf
 
-    def _normal(self, theta: np.ndarray, gaps: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _normal(
+        self, theta: Float[np.ndarray, " n"], gaps: Float[np.ndarray, "W 6"], J: Float[np.ndarray, "W 6 n"]
+    ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
         far = np.abs(gaps)
         weight = self.used * np.where(far > _HUBER, _HUBER / np.maximum(far, 1e-12), 1.0)
         H = np.einsum("wi,wia,wib->ab", weight, J, J, optimize=True) + self._information
@@ -216,14 +228,14 @@ class Fit:
             H, b = H + Jr.T @ Jr, b - Jr.T @ r
         return H, b
 
-    def _scatter(self, gaps: np.ndarray) -> np.ndarray:
-        """Robust standard deviation of each component, shape (6,)."""
+    def _scatter(self, gaps: Float[np.ndarray, "W 6"]) -> Float[np.ndarray, "6"]:
+        """Robust standard deviation of each component."""
         seen = [np.abs(g[u > 0]) for g, u in zip(gaps.T, self.used.T, strict=True)]
         return np.array([1.4826 * np.median(g) + 1e-4 if len(g) else 1.0 for g in seen])
 
 
-def _through(kernel: np.ndarray, series: Array) -> Array:
-    """Weighted sums of neighbours, shape (N, k), by adding shifted series: XLA's convolution crashes on some shapes."""
+def _through(kernel: Float[np.ndarray, " _"], series: Float[Array, "N k"]) -> Float[Array, "N k"]:
+    """Weighted sums of neighbours, by adding shifted series: XLA's convolution crashes on some shapes."""
     reach = len(kernel) // 2
     wide = jnp.pad(series, ((reach, reach), (0, 0)), mode="edge")
     total = jnp.zeros_like(series)
@@ -232,7 +244,7 @@ def _through(kernel: np.ndarray, series: Array) -> Array:
     return total
 
 
-def _gauss(width: float) -> np.ndarray:
+def _gauss(width: float) -> Float[np.ndarray, " _"]:
     reach = np.arange(-int(4 * width), int(4 * width) + 1)
     kernel = np.exp(-0.5 * (reach / width) ** 2)
     return kernel / kernel.sum()

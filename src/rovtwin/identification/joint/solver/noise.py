@@ -7,6 +7,7 @@ testing in linear models, sec. 3.6). Nothing is tuned by hand.
 from collections.abc import Iterable
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.identification.joint.model.nodes import NODE
 from rovtwin.identification.joint.solver.arrow import Arrow
@@ -21,8 +22,8 @@ _SEES = {"position": "uvw", "velocity": "uvw", "horizontal": "uv", "depth": "w",
 _PATIENCE = 4.0  # largest factor by which a noise changes at once
 
 
-def seen_motions(signals: Iterable[str]) -> np.ndarray:
-    """Which components of nu some signal measures, directly or as a change, shape (6,)."""
+def seen_motions(signals: Iterable[str]) -> Bool[np.ndarray, "6"]:
+    """Which components of nu some signal measures, directly or as a change."""
     seen = {axis for name in signals for axis in _SEES.get(name, "")}
     return np.array([axis in seen for axis in "uvwpqr"])
 
@@ -77,12 +78,12 @@ class Variances:
     def _defects(
         self,
         blocks: Blocks,
-        own: np.ndarray,
-        following: np.ndarray,
-        border: np.ndarray,
-        corner: np.ndarray,
+        own: Float[np.ndarray, "S 18 18"],
+        following: Float[np.ndarray, "S 18 18"],
+        border: Float[np.ndarray, "S 18 m"],
+        corner: Float[np.ndarray, "m m"],
         noise: Noise,
-    ) -> np.ndarray:
+    ) -> Float[np.ndarray, "18"]:
         """Disturbance in each direction of motion, from how far segments miss the next node."""
         problem = self._problem
         n = len(problem.prior.mean)

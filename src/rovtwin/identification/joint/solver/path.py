@@ -1,6 +1,7 @@
 """The smoothed path of every record on the grid of its segments: states good enough to ask the model about forces."""
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from rovtwin.identification.joint.model.nodes import Nodes, undisturbed
@@ -11,7 +12,7 @@ from rovtwin.identification.logs.record import Record
 KERNEL = 0.3  # standard deviation of the smoothing [s]: positions of 3 cm at 15 Hz become velocities of 2 cm/s
 
 
-def smoothed_path(segments: Segments, grid: Grid) -> tuple[Nodes, np.ndarray]:
+def smoothed_path(segments: Segments, grid: Grid) -> tuple[Nodes, Float[np.ndarray, "N 6"]]:
     """States of S segments at K points each, leading axis N = S K, and whether each component of nu was seen, (N, 6).
 
     `grid` says step and points; its segments last as long as those of the segments.
@@ -26,13 +27,15 @@ def smoothed_path(segments: Segments, grid: Grid) -> tuple[Nodes, np.ndarray]:
 
 
 class _Smoothed:
-    """One record on even times t, shape (n,)."""
+    """One record on even times t."""
 
-    def __init__(self, record: Record, t: np.ndarray):
+    def __init__(self, record: Record, t: Float[np.ndarray, " n"]):
         self.record, self.t = record, t
 
-    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Position (n, 3), quaternion (n, 4), nu (n, 6), and where nu was seen (n, 6)."""
+    def states(
+        self,
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 4"], Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
+        """Position, quaternion, nu, and where nu was seen: 1, else 0."""
         attitude, R, omega, turned = self._attitude()
         omega, turning = self._rates(omega, turned)
         position, velocity, moving = self._translation(R, omega, turned)
@@ -40,14 +43,16 @@ class _Smoothed:
         seen = np.repeat(np.stack([moving & inside, turning & inside], axis=1), 3, axis=1)
         return position, attitude, np.concatenate([velocity, omega], axis=1), seen.astype(float)
 
-    def _at(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _at(self, name: str) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]:
         """Value and rate of a signal, zero in gaps, and where there is none."""
         signal = self.record.signals[name]
         found, slope = on_grid(signal.t, signal.value, self.t, KERNEL)
         good = np.asarray(np.isfinite(found).all(axis=1))
         return np.where(good[:, None], found, 0.0), np.where(good[:, None], slope, 0.0), good
 
-    def _attitude(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _attitude(
+        self,
+    ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
         """Quaternion, R_nb, body rates that go with it, and where it was measured; level elsewhere."""
         R, omega = np.tile(np.eye(3), (len(self.t), 1, 1)), np.zeros((len(self.t), 3))
         good = np.zeros(len(self.t), bool)
@@ -57,15 +62,17 @@ class _Smoothed:
             R[good], omega[good] = found[good], body_rates(found, rate)[good]
         return Rotation.from_matrix(R).as_quat(scalar_first=True), R, omega, good
 
-    def _rates(self, omega: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _rates(
+        self, omega: Float[np.ndarray, "n 3"], turned: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
         if "gyro" not in self.record.signals:
             return omega, turned
         value, _, good = self._at("gyro")
         return value, good
 
     def _translation(
-        self, R: np.ndarray, omega: np.ndarray, turned: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, R: Float[np.ndarray, "n 3 3"], omega: Float[np.ndarray, "n 3"], turned: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
         """Position of CO, its velocity in b, and where that was seen: of a velocity sensor, else of positions."""
         n, signals = len(self.t), self.record.signals
         position, rate, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3), bool)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.model.gaussian import Gaussian
@@ -33,39 +34,39 @@ _NO_PUSH = 1e-4  # [m/s2, rad/s2]
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
 
 
-Static = Callable[[Array], Array]
-"""Evidence that is no motion (a bollard pull, a towing table): whitened residuals (k,) at theta; differentiable."""
+Static = Callable[[Float[Array, " n"]], Float[Array, " k"]]
+"""Evidence that is no motion (a bollard pull, a towing table): whitened residuals at theta; differentiable."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviations: of every reading (G,) and of the defects of a segment (18,)."""
+    """Standard deviations: of every reading and of the defects of a segment."""
 
-    sigma: np.ndarray
-    defect: np.ndarray
+    sigma: Float[np.ndarray, " G"]
+    defect: Float[np.ndarray, "18"]
 
-    def push(self, span: float) -> np.ndarray:
-        """Standard deviations of the push at any time [m/s2, rad/s2], shape (6,); segments last for `span` [s]."""
+    def push(self, span: float) -> Float[np.ndarray, "6"]:
+        """Standard deviations of the push at any time [m/s2, rad/s2]; segments last for `span` [s]."""
         return self.defect[12:] / np.sqrt(1.0 - np.exp(-2.0 * span / FADES))
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What is estimated: theta (n,), offsets (G,) and the nodes."""
+    """What is estimated: theta, offsets and the nodes."""
 
-    theta: np.ndarray
-    offsets: np.ndarray
+    theta: Float[np.ndarray, " n"]
+    offsets: Float[np.ndarray, " G"]
     nodes: Nodes
 
-    def moved(self, nodes: np.ndarray, corner: np.ndarray) -> "Unknowns":
-        """Others, by errors of the nodes (S, 18) and by steps of theta and offsets (n + G,)."""
+    def moved(self, nodes: Float[np.ndarray, "S 18"], corner: Float[np.ndarray, " m"]) -> "Unknowns":
+        """Others, by errors of the nodes and by steps of theta and offsets."""
         n = len(self.theta)
         there = jax.tree.map(np.asarray, _moved_all(self.nodes, nodes))
         return Unknowns(self.theta + corner[:n], self.offsets + corner[n:], there)
 
 
-def offset_widths(groups: Sequence[tuple[str, int]]) -> np.ndarray:
-    """How far the zero of each (signal, component) may be off throughout, shape (G,); of a reference hardly at all."""
+def offset_widths(groups: Sequence[tuple[str, int]]) -> Float[np.ndarray, " G"]:
+    """How far the zero of each (signal, component) may be off throughout; of a reference hardly at all."""
     placed = any(name == "position" for name, _ in groups)
     widths = [_OFFSET.get(name, [0.0] * 3)[i] for name, i in groups]
     # Depth next to a full position has a zero of its own; every other position says where the origin is.
@@ -99,8 +100,8 @@ class Problem:
         """The same readings and static evidence with another prior; nothing is compiled again."""
         return Problem(self.shooting, prior, self.static, self.measured_starts)
 
-    def _start_widths(self, measured: bool) -> np.ndarray:
-        """How well the guess of each node is known apart from the readings that follow, shape (S, 18)."""
+    def _start_widths(self, measured: bool) -> Float[np.ndarray, "S 18"]:
+        """How well the guess of each node is known apart from the readings that follow."""
         width = np.full((self.segments.count, NODE), np.inf)
         if measured:
             for name, i in self.groups:
@@ -111,8 +112,8 @@ class Problem:
         width[first, :12] = np.minimum(width[first, :12], _FIRST_NODE)
         return width
 
-    def start_information(self, noise: Noise) -> np.ndarray:
-        """Of the guess of each node apart from the readings that follow, shape (S, 18)."""
+    def start_information(self, noise: Noise) -> Float[np.ndarray, "S 18"]:
+        """Of the guess of each node apart from the readings that follow."""
         if self.measured_starts:
             return self._start_information
         known = self._start_information.copy()
@@ -193,21 +194,21 @@ class Problem:
         total += self.start_cost(unknowns.nodes, noise)
         return total + float(self.offset_information @ unknowns.offsets**2) + self.static_cost(unknowns.theta)
 
-    def static_information(self, theta: np.ndarray) -> np.ndarray:
-        """Of the prior and of static evidence, shape (n, n)."""
+    def static_information(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+        """Of the prior and of static evidence."""
         if self.static_linear is None:
             return self.information
         J = np.asarray(self.static_linear(jnp.asarray(theta))[1])
         return self.information + J.T @ J
 
-    def static_cost(self, theta: np.ndarray) -> float:
+    def static_cost(self, theta: Float[np.ndarray, " n"]) -> float:
         """Of the prior and of static evidence."""
         gap = theta - self.prior.mean
         r = np.zeros(0) if self.static_linear is None else np.asarray(self.static_linear(jnp.asarray(theta))[0])
         return float(gap @ self.information @ gap + r @ r)
 
 
-def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _gram(a: Float[np.ndarray, "S m a"], b: Float[np.ndarray, "S m b"]) -> Float[np.ndarray, "S a b"]:
     """a' b per segment."""
     return np.swapaxes(a, 1, 2) @ b
 

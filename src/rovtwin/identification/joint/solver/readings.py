@@ -5,8 +5,11 @@ Readings lie between the grid points of a path; see `vehicle.physics.measurement
 
 from typing import Any
 
+from jaxtyping import Float, Int
+
 from rovtwin.core.frames import cross, quaternion_normalise, rotation_between, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Quaternion, Scalar, Vector3, Vector6
 from rovtwin.identification.joint.model.nodes import Nodes
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.measurement import acceleration_of_point, velocity_of_point
@@ -16,21 +19,21 @@ HUBER = 3.0  # residuals beyond so many sigma count linearly
 
 def gaps_along(
     path: Nodes,
-    rates: Array | None,
+    rates: Float[Array, "points 6"] | None,
     own: dict[str, Any],
     levers: dict[str, Any],
     step: float,
-    mounting: Array | None = None,
-) -> dict[str, Array]:
-    """Prediction less reading by signal, shapes (R, k).
+    mounting: Vector3 | None = None,
+) -> dict[str, Float[Array, "_ _"]]:
+    """Prediction less reading by signal.
 
     Args:
         path: States at the grid points of a segment, leading axis K + 1.
         rates: nu_dot there, where an accelerometer needs it.
         own: The segment's readings, see `Segments.arrays`.
-        levers: By signal, shape (3,).
+        levers: By signal.
         step: Of the grid [s].
-        mounting: Of the gyro, see `Extras`, shape (3,).
+        mounting: Of the gyro, see `Extras`.
     """
     gaps = {}
     for name, lever in levers.items():
@@ -41,20 +44,22 @@ def gaps_along(
     return gaps
 
 
-def _between(x: Array, row: Array, share: Array) -> Array:
+def _between(
+    x: Float[Array, " points *axes"], row: Int[Array, " R"], share: Float[Array, " R"]
+) -> Float[Array, " R *axes"]:
     """Values between grid points row and row + 1."""
     extra = x.ndim - 1
     weight = share.reshape(share.shape + (1,) * extra)
     return x[row] + weight * (x[row + 1] - x[row])
 
 
-def _place_between(path: Nodes, row: Array, share: Array, step: float) -> Array:
-    """Position between grid points, shape (R, 3), by a cubic through places and velocities at both.
+def _place_between(path: Nodes, row: Int[Array, " R"], share: Float[Array, " R"], step: float) -> Float[Array, "R 3"]:
+    """Position between grid points, by a cubic through places and velocities at both.
 
     A straight line would be off by an eighth of acceleration times step squared, a tenth of a pressure sensor's noise.
     """
 
-    def one(p0: Array, q0: Array, nu0: Array, p1: Array, q1: Array, nu1: Array, s: Array) -> Array:
+    def one(p0: Vector3, q0: Quaternion, nu0: Vector6, p1: Vector3, q1: Quaternion, nu1: Vector6, s: Scalar) -> Vector3:
         v0, v1 = rotation_from_quaternion(q0) @ nu0[:3], rotation_from_quaternion(q1) @ nu1[:3]
         along = s * s * (3.0 - 2.0 * s)
         return p0 + along * (p1 - p0) + step * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1)
@@ -63,13 +68,20 @@ def _place_between(path: Nodes, row: Array, share: Array, step: float) -> Array:
     return jax.vmap(one)(a.position, a.attitude, a.nu, b.position, b.attitude, b.nu, share)
 
 
-def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array, mounting: Array | None = None) -> Array:
-    """What a sensor would read along a path less what it read, shape (R, k); of an attitude the small rotation in b.
+def _gap(
+    name: str,
+    x: Nodes,
+    rates: Float[Array, "R 6"] | None,
+    lever: Vector3,
+    value: Float[Array, "R _"],
+    mounting: Vector3 | None = None,
+) -> Float[Array, "R k"]:
+    """What a sensor would read along a path less what it read; of an attitude the small rotation in b.
 
     See `vehicle.physics.measurement` for the equations.
     """
 
-    def predicted(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
+    def predicted(position: Vector3, attitude: Quaternion, nu: Vector6, nu_dot: Vector6 | None) -> Float[Array, " k"]:
         q = quaternion_normalise(attitude)
         R_nb, omega = rotation_from_quaternion(q), nu[3:]
         if name in ("position", "horizontal", "depth"):
@@ -91,8 +103,10 @@ def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array, m
     return jax.vmap(rotation_between)(reading, value) if name == "attitude" else reading - value
 
 
-def offsets_by_signal(names: list[str], gaps: dict[str, Array], offsets: Array) -> dict[str, Array]:
-    """Offsets of all components, shape (G,), by signal, shapes (k,)."""
+def offsets_by_signal(
+    names: list[str], gaps: dict[str, Float[Array, "_ _"]], offsets: Float[Array, " G"]
+) -> dict[str, Float[Array, " _"]]:
+    """Offsets of all components, by signal."""
     out, start = {}, 0
     for name in names:
         size = gaps[name].shape[-1]
@@ -103,12 +117,12 @@ def offsets_by_signal(names: list[str], gaps: dict[str, Array], offsets: Array) 
 
 def squared(
     names: list[str],
-    gaps: dict[str, Array],
-    columns: dict[str, Array],
+    gaps: dict[str, Float[Array, "_ _"]],
+    columns: dict[str, Float[Array, "_ _ _"]],
     own: dict[str, Any],
-    offsets: Array,
-    sigma: Array,
-) -> tuple[Array, Array, Array, Array]:
+    offsets: Float[Array, " G"],
+    sigma: Float[Array, " G"],
+) -> tuple[Float[Array, "G m m"], Float[Array, "G m"], Float[Array, " G"], Float[Array, " G"]]:
     """J'WJ, J'Wr, sum w r^2 and sum w of every signal component, with weights of Huber (1964)."""
     split = offsets_by_signal(names, gaps, offsets)
     parts, group, total = [], 0, offsets.shape[0]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import quaternion_from_euler, rotation_from_euler
 from rovtwin.core.errors import IdentificationError
@@ -49,16 +50,16 @@ class Segments:
             start, middle and end of a step by which derivatives are taken beside theta, zero unless they are put there;
             per signal `row`, `share`, `value`, `used`.
         first: Index of the first segment of each record.
-        sigma: Declared noise by signal, shape (k,); NaN where nobody said.
-        levers: By signal, shape (3,).
+        sigma: Declared noise by signal; NaN where nobody said.
+        levers: By signal.
     """
 
     grid: Grid
     records: tuple[Record, ...]
     arrays: dict[str, Any]
     first: tuple[int, ...]
-    sigma: dict[str, np.ndarray]
-    levers: dict[str, np.ndarray]
+    sigma: dict[str, Float[np.ndarray, " _"]]
+    levers: dict[str, Float[np.ndarray, "3"]]
 
     @property
     def count(self) -> int:
@@ -69,8 +70,8 @@ class Segments:
         """(signal, component) of everything measured, in the order of the compiled part."""
         return [(name, i) for name in self.levers for i in range(len(SIGNALS[name][0]))]
 
-    def starts(self) -> np.ndarray:
-        """Time at which each segment starts, in its record's clock [s], shape (S,)."""
+    def starts(self) -> Float[np.ndarray, " S"]:
+        """Time at which each segment starts, in its record's clock [s]."""
         length = self.grid.span
         bounds = [*self.first, self.count]
         return np.concatenate(
@@ -82,10 +83,10 @@ class Segments:
 class _Cut:
     """Segments of one record while they are collected."""
 
-    command: np.ndarray
-    held: np.ndarray
-    fresh: np.ndarray
-    linked: np.ndarray
+    command: Float[np.ndarray, "S K m n"]
+    held: Float[np.ndarray, "S K m"]
+    fresh: Float[np.ndarray, "S K"]
+    linked: Float[np.ndarray, " S"]
     rows: dict[str, dict[str, list]] = field(default_factory=dict)
 
 
@@ -151,8 +152,10 @@ def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
     return out
 
 
-def _commands_within(record: Record, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Commands within each of N steps, shape (N, m, n), and the share of the step that each is held, shape (N, m).
+def _commands_within(
+    record: Record, edges: Float[np.ndarray, " edges"]
+) -> tuple[Float[np.ndarray, "N m n"], Float[np.ndarray, "N m"]]:
+    """Commands within each of N steps, and the share of the step that each is held.
 
     They need not change where a step begins. Their forces are averaged, not they themselves: half of a thruster's
     command is a third of its force, and a mean command would bend its curve. Where more than _MOST change within one
@@ -178,7 +181,7 @@ def _of_one_size(pieces: Sequence[_Cut]) -> dict[str, np.ndarray]:
     """Commands of all records with as many in a step as any record has; those that are made up are held for no time."""
     most = max(p.held.shape[2] for p in pieces)
 
-    def padded(x: np.ndarray) -> np.ndarray:
+    def padded(x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         return np.pad(x, [(0, most - n if axis == 2 else 0) for axis, n in enumerate(x.shape)])
 
     return {key: np.concatenate([padded(getattr(p, key)) for p in pieces]) for key in ("command", "held")}
@@ -201,7 +204,9 @@ def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Gr
     ]
 
 
-def _thinned(t: np.ndarray, value: np.ndarray, start: float, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _thinned(
+    t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n k"], start: float, grid: Grid
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
     """About `rate` readings a second, never twice that, those nearest to the grid: interpolation costs them least."""
     if len(t) < 2:
         return t, value
@@ -270,12 +275,12 @@ _WIDTH = {"position": 1.0, "horizontal": 1.0, "depth": 0.6, "attitude": 0.3, "gy
 
 
 def _guess(
-    record: Record, t: np.ndarray, offsets: dict[str, np.ndarray], exact: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    record: Record, t: Float[np.ndarray, " n"], offsets: dict[str, np.ndarray], exact: bool
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 6"]]:
     n = len(t)
     position, velocity, euler, nu = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6))
 
-    def at(name: str) -> tuple[np.ndarray, np.ndarray]:
+    def at(name: str) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
         signal = record.signals[name]
         value, slope = fitted(signal, t, _WIDTH[name])
         if exact and name in ("gyro", "velocity"):

@@ -16,12 +16,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+from jaxtyping import Float
+
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Matrix6, Vector6
 from rovtwin.identification.joint.model.nodes import FADES, NODE, Nodes, moved
 
-Rate = Callable[[Any, Nodes, Array], Array]
-"""nu_dot (6,) of parameters of the model, a state and a wrench: linear in the wrench, alike in all states."""
+Rate = Callable[[Any, Nodes, Float[Array, " _"]], Vector6]
+"""nu_dot of parameters of the model, a state and a wrench: linear in the wrench, alike in all states."""
 
 
 def sensitivities(
@@ -29,13 +32,13 @@ def sensitivities(
     parts: Any,
     d_parts: Any,
     path: Nodes,
-    tau: Array,
-    d_tau: Array,
+    tau: Float[Array, "K 3 w"],
+    d_tau: Float[Array, "K 3 w n"],
     step: float,
     nonlinear: Rate | None = None,
     loads: int = 0,
-) -> tuple[Array, Array]:
-    """Derivatives of the states of a path, shape (K + 1, 18, 18 + n), and of nu_dot there, (K + 1, 6, 18 + n).
+) -> tuple[Float[Array, "points 18 m"], Float[Array, "points 6 m"]]:
+    """Derivatives of the states of a path, and of nu_dot there.
 
     Columns are the error of the start, then n parameters.
 
@@ -44,8 +47,8 @@ def sensitivities(
         parts: What of them depends on parameters, a tree.
         d_parts: Its derivatives, leading axis n.
         path: States at K + 1 grid points.
-        tau: Wrench at the start, middle and end of every step, shape (K, 3, 6), and what else `nonlinear` takes.
-        d_tau: Its derivatives, shape (K, 3, .., n).
+        tau: Wrench at the start, middle and end of every step, and what else `nonlinear` takes.
+        d_tau: Its derivatives.
         step: Between grid points [s].
         nonlinear: What comes to nu_dot beside the equations of motion, in any way of the wrench: taken as linear
             between grid points like the rest.
@@ -54,7 +57,7 @@ def sensitivities(
     n = d_tau.shape[-1]
     start = jax.tree.map(lambda x: x[0], path)
 
-    def by_wrench(parts: Any) -> Array:
+    def by_wrench(parts: Any) -> Matrix6:
         return jax.jacfwd(lambda wrench: rate(parts, start, wrench))(jnp.zeros(6))
 
     W = by_wrench(parts)
@@ -71,7 +74,9 @@ def sensitivities(
     transition, forcing = jax.vmap(partial(_one_step, h=step))(A[:-1], A[1:], forcings)
     forcing = jnp.pad(forcing, ((0, 0), (0, 0), (NODE, 0)))
 
-    def advance(s: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+    def advance(
+        s: Float[Array, "18 m"], now: tuple[Float[Array, "18 18"], Float[Array, "18 m"]]
+    ) -> tuple[Float[Array, "18 m"], Float[Array, "18 m"]]:
         after = now[0] @ s + now[1]
         return after, after
 
@@ -82,33 +87,37 @@ def sensitivities(
     return S, (A[:, 6:12] @ S).at[:, :, NODE:].add(by_parts)
 
 
-def _linearised(rate: Rate, parts: Any, d_parts: Any, x: Nodes) -> tuple[Array, Array]:
-    """Rate of an error by that error (18, 18), and nu_dot by the parameters (6, n), at a state without thrust."""
+def _linearised(rate: Rate, parts: Any, d_parts: Any, x: Nodes) -> tuple[Float[Array, "18 18"], Float[Array, "6 n"]]:
+    """Rate of an error by that error, and nu_dot by the parameters, at a state without thrust."""
 
-    def of_error(error: Array) -> Array:
+    def of_error(error: Float[Array, "18"]) -> Float[Array, "18"]:
         y = moved(x, error)
         turning = cross(error[3:6], x.nu[3:]) + y.nu[3:] - x.nu[3:]
         velocity = rotation_from_quaternion(y.attitude) @ y.nu[:3]
         return jnp.concatenate([velocity, turning, rate(parts, y, jnp.zeros(6)), -error[12:] / FADES])
 
-    def of_parts(d: Any) -> Array:
+    def of_parts(d: Any) -> Vector6:
         return jax.jvp(lambda p: rate(p, x, jnp.zeros(6)), (parts,), (d,))[1]
 
     return jax.jacfwd(of_error)(jnp.zeros(NODE)), jax.vmap(of_parts, out_axes=-1)(d_parts)
 
 
-def _nonlinear(rate: Rate, parts: Any, d_parts: Any, x: Nodes, wrench: Array, d_wrench: Array) -> tuple[Array, Array]:
-    """What these wrenches add to the matrices of `_linearised` at a state and thrust; d_wrench of shape (.., n)."""
+def _nonlinear(
+    rate: Rate, parts: Any, d_parts: Any, x: Nodes, wrench: Float[Array, " w"], d_wrench: Float[Array, "w n"]
+) -> tuple[Float[Array, "18 18"], Float[Array, "6 n"]]:
+    """What these wrenches add to the matrices of `_linearised` at a state and thrust."""
     by_error = jax.jacfwd(lambda error: rate(parts, moved(x, error), wrench))(jnp.zeros(NODE))
     by_wrench = jax.jacfwd(lambda w: rate(parts, x, w))(wrench)
     by_parts = jax.vmap(lambda d: jax.jvp(lambda p: rate(p, x, wrench), (parts,), (d,))[1], out_axes=-1)(d_parts)
     return jnp.concatenate([jnp.zeros((6, NODE)), by_error, jnp.zeros((6, NODE))]), by_parts + by_wrench @ d_wrench
 
 
-def _one_step(A0: Array, A1: Array, b: Sequence[Array], h: float) -> tuple[Array, Array]:
-    """Runge-Kutta's step of s_dot = A s + [0, b]: transition (18, 18) and what the forcing adds (18, n).
+def _one_step(
+    A0: Float[Array, "18 18"], A1: Float[Array, "18 18"], b: Sequence[Float[Array, "6 n"]], h: float
+) -> tuple[Float[Array, "18 18"], Float[Array, "18 n"]]:
+    """Runge-Kutta's step of s_dot = A s + [0, b]: transition and what the forcing adds.
 
-    A at the start and the end of the step, b (6, n) at its start, middle and end.
+    A at the start and the end of the step, b at its start, middle and end.
     """
     middle, one = 0.5 * (A0 + A1), jnp.eye(NODE)
     k2 = middle @ (one + 0.5 * h * A0)

@@ -13,10 +13,12 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.frames import quaternion_normalise, quaternion_rate, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Vector3, Vector6
 from rovtwin.identification.joint.model.loads import WRENCH, accelerated, thrust_history
 from rovtwin.identification.joint.model.nodes import FADES, NODE, Nodes, difference, moved
 from rovtwin.identification.joint.model.parameters import Parameters
@@ -90,19 +92,21 @@ class Shooting:
 
     # Thrust: known from the commands alone, so that it is integrated once through each whole record.
 
-    def _wrenches(self, parts: Any, arrays: dict[str, Any]) -> Array:
-        """Thrust at the start, middle and end of every step, see `thrust_history`, shape (S, K, 3, ..)."""
+    def _wrenches(self, parts: Any, arrays: dict[str, Any]) -> Float[Array, "S K 3 _"]:
+        """Thrust at the start, middle and end of every step, see `thrust_history`."""
         model: Model = eqx.combine(parts[0], self._static)
         command, held, fresh = (arrays[key] for key in _OF_THRUSTERS)
         return thrust_history(model.thrusters, command, held, fresh, self.segments.grid.step, parts[1].delay)
 
-    def _parts(self, theta: Array) -> Any:
+    def _parts(self, theta: Float[Array, " n"]) -> Any:
         """What depends on theta: the model's arrays, and the test's own parameters."""
         model, extras = self.parameters.model_at(theta)
         return eqx.partition(model, eqx.is_inexact_array)[0], extras
 
-    def _linearised(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Any, Array, Array]:
-        """Parts and thrust with derivatives by theta and C effects, leading axis n + C and (S, K, 3, .., n + C)."""
+    def _linearised(
+        self, theta: Float[Array, " n"], arrays: dict[str, Any]
+    ) -> tuple[Any, Any, Float[Array, "S K 3 w"], Float[Array, "S K 3 w m"]]:
+        """Parts and thrust with derivatives by theta and C effects, m = n + C in all."""
         n, effects = len(self.parameters), jnp.asarray(arrays["effects"])
         every = n + effects.shape[-1]
         parts = self._parts(theta)
@@ -127,17 +131,17 @@ class Shooting:
             model = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
         return model
 
-    def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
-        """nu_dot in a segment, shape (6,), of parts, state and the thrusters' wrench."""
+    def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Float[Array, " _"]) -> Vector6:
+        """nu_dot in a segment, of parts, state and the thrusters' wrench."""
         return accelerated(self._model(own, parts), parts[1], own, x, wrench) + x.push
 
-    def _rate_of_equations(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
+    def _rate_of_equations(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Float[Array, " _"]) -> Vector6:
         """The same without what is not linear in the wrench: what the model has learned, and a loss to the inflow."""
         model = without_discrepancy(self._model(own, parts))
         return accelerated(model, parts[1], own, x, wrench[:WRENCH]) + x.push
 
-    def _rate_nonlinear(self, own: dict[str, Any], parts: Any, x: Nodes, thrust: Array) -> Array:
-        """What these two add to nu_dot, shape (6,)."""
+    def _rate_nonlinear(self, own: dict[str, Any], parts: Any, x: Nodes, thrust: Float[Array, " _"]) -> Vector6:
+        """What these two add to nu_dot."""
         model, basis = self._model(own, parts), self.parameters.model.discrepancy
         R_bn = rotation_from_quaternion(x.attitude).T
         nu_r = jnp.concatenate([x.nu[:3] - R_bn @ own["current"], x.nu[3:]])
@@ -152,12 +156,14 @@ class Shooting:
             wrench = wrench + inflow_wrench(model.thrusters.configuration, thrust[WRENCH:], nu_r)
         return model.inertia_inverse @ wrench
 
-    def _path(self, parts: Any, tau: Array, node: Nodes, own: dict[str, Any]) -> tuple[Nodes, Array | None]:
+    def _path(
+        self, parts: Any, tau: Float[Array, "K 3 _"], node: Nodes, own: dict[str, Any]
+    ) -> tuple[Nodes, Float[Array, "points 6"] | None]:
         """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
         step = self.segments.grid.step
         rate = partial(self._rate, own, parts)
 
-        def advance(x: Nodes, wrenches: Array) -> tuple[Nodes, Nodes]:
+        def advance(x: Nodes, wrenches: Float[Array, "3 _"]) -> tuple[Nodes, Nodes]:
             at = {0.0: wrenches[0], 0.5 * step: wrenches[1], step: wrenches[2]}
 
             def derivative(elapsed: float, y: Nodes) -> Nodes:
@@ -174,8 +180,10 @@ class Shooting:
             return path, None
         return path, jax.vmap(rate)(path, jnp.concatenate([tau[:, 0], tau[-1:, 2]]))
 
-    def _gaps(self, path: Nodes, rates: Array | None, own: dict[str, Any], mounting: Array | None) -> dict[str, Array]:
-        """Prediction less reading of one segment, by signal (R, k)."""
+    def _gaps(
+        self, path: Nodes, rates: Float[Array, "points 6"] | None, own: dict[str, Any], mounting: Vector3 | None
+    ) -> dict[str, Float[Array, "_ _"]]:
+        """Prediction less reading of one segment, by signal."""
         return gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step, mounting)
 
     def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
@@ -184,8 +192,15 @@ class Shooting:
         own = {key: value for key, value in arrays.items() if key not in _OF_RECORDS}
         return following, own
 
-    def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
-        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
+    def _blocks(
+        self,
+        theta: Float[Array, " n"],
+        offsets: Float[Array, " G"],
+        nodes: Nodes,
+        sigma: Float[Array, " G"],
+        arrays: dict[str, Any],
+    ) -> Blocks:
+        """Normal equations at theta, offsets, nodes; sigma decides which readings are outliers."""
         parts, d_parts, tau, d_tau = self._linearised(theta, arrays)
         mounting, d_mounting = parts[1].mounting, jnp.zeros((3, NODE + d_tau.shape[-1]))
         if mounting is not None:
@@ -202,7 +217,9 @@ class Shooting:
                 rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, nonlinear, loads
             )
 
-            def gaps(errors: Array, more: Array, turn: Array) -> dict[str, Array]:
+            def gaps(
+                errors: Float[Array, "points 18"], more: Float[Array, "points 6"], turn: Vector3
+            ) -> dict[str, Float[Array, "_ _"]]:
                 there = None if rates is None else rates + more
                 turned = None if mounting is None else mounting + turn
                 return self._gaps(jax.vmap(moved)(path, errors), there, own, turned)
@@ -221,7 +238,12 @@ class Shooting:
 
         return _chunked(one, (nodes, following, tau, d_tau, own))
 
-    def _apart(self, found: tuple[Array, ...], defect: Array, defect_jacobian: Array) -> Blocks:
+    def _apart(
+        self,
+        found: tuple[Float[Array, "G m m"], Float[Array, "G m"], Float[Array, " G"], Float[Array, " G"]],
+        defect: Float[Array, "18"],
+        defect_jacobian: Float[Array, "18 _"],
+    ) -> Blocks:
         """Blocks of a segment, with what belongs to effects apart."""
         readings, slopes, squares, weights = found
         estimated = NODE + len(self.parameters)
@@ -233,13 +255,13 @@ class Shooting:
         return Blocks(*kept, defect, jnp.delete(defect_jacobian, effects, axis=1), of_effects)
 
     def _residuals(
-        self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
-    ) -> tuple[dict[str, Array], Array]:
-        """Residuals by signal (S, R, k), prediction less reading, and defects (S, 18)."""
+        self, theta: Float[Array, " n"], offsets: Float[Array, " G"], nodes: Nodes, arrays: dict[str, Any]
+    ) -> tuple[dict[str, Float[Array, "S _ _"]], Float[Array, "S 18"]]:
+        """Residuals by signal, prediction less reading, and defects."""
         parts = self._parts(theta)
         following, own = self._per_segment(nodes, arrays)
 
-        def one(segment: Any) -> tuple[dict[str, Array], Array]:
+        def one(segment: Any) -> tuple[dict[str, Float[Array, "_ _"]], Float[Array, "18"]]:
             node, next_node, tau, own = segment
             path, rates = self._path(parts, tau, node, own)
             gaps = self._gaps(path, rates, own, parts[1].mounting)
@@ -249,7 +271,7 @@ class Shooting:
 
         return _chunked(one, (nodes, following, self._wrenches(parts, arrays), own))
 
-    def _trajectories(self, theta: Array, nodes: Nodes, arrays: dict[str, Any]) -> Nodes:
+    def _trajectories(self, theta: Float[Array, " n"], nodes: Nodes, arrays: dict[str, Any]) -> Nodes:
         """States at all grid points from each node, leading axes (S, K + 1)."""
         parts = self._parts(theta)
         _, own = self._per_segment(nodes, arrays)

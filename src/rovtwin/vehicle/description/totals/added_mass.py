@@ -11,6 +11,7 @@ cylinders); Lamb (1932), Hydrodynamics, sec. 114-115 (ellipsoids); Fossen (2021)
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.description.schema import Shape
 from rovtwin.vehicle.description.totals.rigid_body import MassProperties
@@ -47,15 +48,15 @@ class Solid:
 
     Attributes:
         kind: "box", "cylinder" (along x), "ellipsoid" or "mesh".
-        size: Full dimensions along its own axes [m], shape (3,); of a mesh those of the box around it.
-        drag_coefficient: On the projected areas, shape (3,).
+        size: Full dimensions along its own axes [m]; of a mesh those of the box around it.
+        drag_coefficient: On the projected areas.
         placement: Of the middle and axes of the box around it.
         mesh: What there is to know of a mesh.
     """
 
     kind: str
-    size: np.ndarray
-    drag_coefficient: np.ndarray
+    size: Float[np.ndarray, "3"]
+    drag_coefficient: Float[np.ndarray, "3"]
     placement: Placement
     mesh: MeshSolid | None = None
 
@@ -108,8 +109,8 @@ class Solid:
         inertia = mass * np.diag(second.sum() - second)
         return MassProperties(mass, np.zeros(3), inertia).moved(self.placement)
 
-    def projected_areas(self) -> np.ndarray:
-        """Seen along x, y, z [m2], shape (3,)."""
+    def projected_areas(self) -> Float[np.ndarray, "3"]:
+        """Seen along x, y, z [m2]."""
         if self.mesh is not None:
             return self.mesh.areas
         length, width, height = self.size
@@ -119,8 +120,8 @@ class Solid:
         return areas * np.array([np.pi / 4, 1, 1]) if self.kind == "cylinder" else areas
 
 
-def added_mass(solid: Solid, density: float) -> np.ndarray:
-    """M_A in the part's frame at its origin, shape (6, 6), of a solid alone in water of a density [kg/m3]."""
+def added_mass(solid: Solid, density: float) -> Float[np.ndarray, "6 6"]:
+    """M_A in the part's frame at its origin, of a solid alone in water of a density [kg/m3]."""
     if solid.kind == "ellipsoid":
         diagonal = _ellipsoid(solid.size / 2)
     elif solid.kind == "cylinder":
@@ -132,8 +133,8 @@ def added_mass(solid: Solid, density: float) -> np.ndarray:
     return move_matrix(density * np.diag(diagonal), solid.centered())
 
 
-def _ellipsoid(axes: np.ndarray) -> np.ndarray:
-    """Exact, per unit density, shape (6,): Lamb (1932), sec. 114 (5) and 115."""
+def _ellipsoid(axes: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
+    """Exact, per unit density: Lamb (1932), sec. 114 (5) and 115."""
     # alpha_i = abc int_0^inf ds / ((a_i^2 + s) sqrt(prod(a_j^2 + s))), with s = t^2 / (1 - t)^2 scaled to the size.
     scale = float(np.prod(axes) ** (1 / 3))
     a2 = (axes / scale) ** 2
@@ -169,8 +170,8 @@ def _height_factor(area: float, height: float) -> float:
     return float(1 + np.sqrt((1 - share**2) / (2 * (1 + share**2))))
 
 
-def _box(size: np.ndarray) -> np.ndarray:
-    """Per unit density, shape (6,)."""
+def _box(size: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
+    """Per unit density."""
     length, width, height = size
     linear = np.array(
         [
@@ -182,8 +183,8 @@ def _box(size: np.ndarray) -> np.ndarray:
     return np.concatenate([linear, _turning(size, linear)])
 
 
-def _cylinder(size: np.ndarray) -> np.ndarray:
-    """Of a circular or elliptic cylinder along x, per unit density, shape (6,).
+def _cylinder(size: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
+    """Of a circular or elliptic cylinder along x, per unit density.
 
     The axial value is that of a disc, 8/3 a^3, with its sides. An ellipse across it is taken as the circle as wide
     across the motion, which strip theory has exactly.
@@ -207,10 +208,10 @@ def _across(radius: float, length: float) -> float:
     return float(coefficient) * np.pi * radius**2 * length
 
 
-def _mesh(mesh: MeshSolid) -> np.ndarray:
+def _mesh(mesh: MeshSolid) -> Float[np.ndarray, "6"]:
     """The mean of the simple solids that it is like, with the water between its walls, less what gaps let through.
 
-    Per unit density, shape (6,). Added mass goes with the 3/2 power of the area that a body shows.
+    Per unit density. Added mass goes with the 3/2 power of the area that a body shows.
     """
     solids = [_box(mesh.size), *(_turned(mesh.size, axis) for axis in range(3)), _ellipsoid(mesh.size / 2)]
     mean = mesh.weights @ np.array(solids)
@@ -223,8 +224,8 @@ def _mesh(mesh: MeshSolid) -> np.ndarray:
     return np.concatenate([linear, turning + held])
 
 
-def _turned(size: np.ndarray, axis: int) -> np.ndarray:
-    """Of a cylinder along an axis, shape (6,)."""
+def _turned(size: Float[np.ndarray, "3"], axis: int) -> Float[np.ndarray, "6"]:
+    """Of a cylinder along an axis."""
     order = [axis, (axis + 1) % 3, (axis + 2) % 3]
     values = _cylinder(size[order])
     result = np.zeros(6)
@@ -232,8 +233,8 @@ def _turned(size: np.ndarray, axis: int) -> np.ndarray:
     return result
 
 
-def _turning(size: np.ndarray, linear: np.ndarray) -> np.ndarray:
-    """Rotational added inertia of a box per unit density, shape (3,).
+def _turning(size: Float[np.ndarray, "3"], linear: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Rotational added inertia of a box per unit density.
 
     Compact bodies by sections across the axis, with open ends; slender ones by strips along their length, which share
     the translational value evenly. Each is too large where the other holds.
@@ -249,7 +250,7 @@ def _turning(size: np.ndarray, linear: np.ndarray) -> np.ndarray:
     return inertia
 
 
-def move_matrix(matrix: np.ndarray, placement: Placement) -> np.ndarray:
+def move_matrix(matrix: Float[np.ndarray, "6 6"], placement: Placement) -> Float[np.ndarray, "6 6"]:
     """A part's added mass or linear damping as the parent's origin feels it, H' M H. Fossen (2021), eq. 3.34 ff."""
     H = placement.twist()
     return H.T @ matrix @ H

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import near
@@ -37,13 +38,13 @@ class Mounted:
     path: tuple[str, ...] = ()
 
     @property
-    def position(self) -> np.ndarray:
-        """In b at CO [m], shape (3,)."""
+    def position(self) -> Float[np.ndarray, "3"]:
+        """In b at CO [m]."""
         return self.placement.position
 
     @property
-    def rotation(self) -> np.ndarray:
-        """R from its frame (x forward, y right, z down of the device) to b, shape (3, 3)."""
+    def rotation(self) -> Float[np.ndarray, "3 3"]:
+        """R from its frame (x forward, y right, z down of the device) to b."""
         return self.placement.rotation
 
     def moved(self, placement: Placement, prefix: str) -> "Mounted":
@@ -58,8 +59,8 @@ class Assembly:
     Attributes:
         solid: Mass properties.
         volume: Displaced, such that buoyancy is density x g x volume [m3].
-        center_of_buoyancy: Shape (3,) [m].
-        added_mass: M_A, shape (6, 6).
+        center_of_buoyancy: [m].
+        added_mass: M_A.
         measured: Damping given as matrices.
         elements: Damping from shapes.
         as_given: Whether `measured` is a full matrix of the file, at its own origin: it is used as it stands.
@@ -73,8 +74,8 @@ class Assembly:
 
     solid: MassProperties
     volume: float
-    center_of_buoyancy: np.ndarray
-    added_mass: np.ndarray
+    center_of_buoyancy: Float[np.ndarray, "3"]
+    added_mass: Float[np.ndarray, "6 6"]
     measured: Damping
     elements: tuple[DragElements, ...]
     density: float
@@ -287,7 +288,7 @@ def with_hydrodynamics(total: Assembly, given: schema.Hydrodynamics | None, wher
 _DAMPING = ("linear_damping", "quadratic_damping", "linear_damping_astern", "quadratic_damping_astern")
 
 
-def _overridden(matrix: np.ndarray, given: list | None) -> np.ndarray:
+def _overridden(matrix: Float[np.ndarray, "6 6"], given: list | None) -> Float[np.ndarray, "6 6"]:
     """The matrix with given directions in its place; a given direction loses the couplings of the parts."""
     if given is None:
         return matrix

@@ -7,6 +7,7 @@ the couplings. Flow interaction between parts is neglected. Plain NumPy: done on
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.solids.placement import Placement
@@ -21,12 +22,12 @@ _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(8)  # over a face
 
 @dataclass(frozen=True)
 class Damping:
-    """Linear and quadratic, ahead and astern, as in `Model`, each shape (6, 6)."""
+    """Linear and quadratic, ahead and astern, as in `Model`."""
 
-    linear_ahead: np.ndarray
-    linear_astern: np.ndarray
-    quadratic_ahead: np.ndarray
-    quadratic_astern: np.ndarray
+    linear_ahead: Float[np.ndarray, "6 6"]
+    linear_astern: Float[np.ndarray, "6 6"]
+    quadratic_ahead: Float[np.ndarray, "6 6"]
+    quadratic_astern: Float[np.ndarray, "6 6"]
 
     @classmethod
     def none(cls) -> "Damping":
@@ -58,8 +59,10 @@ class Damping:
         )
 
 
-def coupling_load(ahead: np.ndarray, astern: np.ndarray, power: int) -> np.ndarray:
-    """How much of each direction's own damping its couplings use up, shape (6,): up to 1 they cannot add energy.
+def coupling_load(
+    ahead: Float[np.ndarray, "6 6"], astern: Float[np.ndarray, "6 6"], power: int
+) -> Float[np.ndarray, "6"]:
+    """How much of each direction's own damping its couplings use up: up to 1 they cannot add energy.
 
     For force ~ |nu|^power, with Young's inequality on every product |nu_i| |nu_j|^power of a coupling. Sufficient, not
     necessary.
@@ -88,7 +91,9 @@ def tamed(damping: Damping) -> Damping:
     return Damping(la, lb, qa, qb)
 
 
-def _reduced(ahead: np.ndarray, astern: np.ndarray, power: int) -> tuple[np.ndarray, np.ndarray]:
+def _reduced(
+    ahead: Float[np.ndarray, "6 6"], astern: Float[np.ndarray, "6 6"], power: int
+) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
     load = coupling_load(ahead, astern, power)
     keep = np.minimum(1.0, 1.0 / np.maximum(load, 1e-12))
     factor = np.minimum.outer(keep, keep)
@@ -101,14 +106,14 @@ class DragElements:
     """Small flat pieces that only feel the flow along their normal: f = -(d |v_n| + l) v_n.
 
     Attributes:
-        position: Shape (n, 3) [m].
-        normal: Unit normals, shape (n, 3).
-        quadratic: 1/2 rho C_D dA, shape (n,) [N s2/m2].
+        position: [m].
+        normal: Unit normals.
+        quadratic: 1/2 rho C_D dA [N s2/m2].
     """
 
-    position: np.ndarray
-    normal: np.ndarray
-    quadratic: np.ndarray
+    position: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    quadratic: Float[np.ndarray, " n"]
 
     def moved(self, placement: Placement) -> "DragElements":
         R = placement.rotation
@@ -137,7 +142,7 @@ def drag_elements(solid: Solid, density: float) -> DragElements:
     return pieces.moved(solid.placement)
 
 
-def _face(solid: Solid, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def _face(solid: Solid, axis: int) -> tuple[Float[np.ndarray, "64 3"], Float[np.ndarray, "64"]]:
     """8 x 8 points (64, 3) over the face's rectangle, or the ellipse in it, and areas (64,) with Gauss weights."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     u, v = (g.ravel() for g in np.meshgrid(_GAUSS_X, _GAUSS_X, indexing="ij"))

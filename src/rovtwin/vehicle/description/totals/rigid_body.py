@@ -8,6 +8,7 @@ Plain NumPy: done once per vehicle, on the host.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import skew
 from rovtwin.vehicle.solids.placement import Placement
@@ -15,19 +16,19 @@ from rovtwin.vehicle.solids.placement import Placement
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass [kg], centre of gravity [m], shape (3,), inertia about it [kg m2], shape (3, 3)."""
+    """Mass [kg], centre of gravity [m], inertia about it [kg m2]."""
 
     mass: float
-    center_of_gravity: np.ndarray
-    inertia: np.ndarray
+    center_of_gravity: Float[np.ndarray, "3"]
+    inertia: Float[np.ndarray, "3 3"]
 
     def moved(self, placement: Placement) -> "MassProperties":
         """The same body as seen from the parent's frame."""
         R = placement.rotation
         return MassProperties(self.mass, placement.point(self.center_of_gravity), R @ self.inertia @ R.T)
 
-    def inertia_about(self, point: np.ndarray) -> np.ndarray:
-        """Tensor about another point, shape (3, 3): I_g - m S(d)^2. Fossen (2021), eq. 3.37."""
+    def inertia_about(self, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+        """Tensor about another point: I_g - m S(d)^2. Fossen (2021), eq. 3.37."""
         S = skew(self.center_of_gravity - point)
         return self.inertia - self.mass * S @ S
 

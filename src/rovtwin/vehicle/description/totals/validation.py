@@ -1,6 +1,7 @@
 """What must hold for totals to be a vehicle: inertia that resists, damping that takes energy."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import AXES
@@ -19,8 +20,8 @@ def require_distinct_in_logs(names: list[str], where: str, what: str = "thruster
             )
 
 
-def require_sound(total: Assembly, rigid_body_mass: np.ndarray, where: str) -> None:
-    """ConfigError when M = M_RB + M_A, shape (6, 6), is no inertia or the damping can drive the vehicle."""
+def require_sound(total: Assembly, rigid_body_mass: Float[np.ndarray, "6 6"], where: str) -> None:
+    """ConfigError when M = M_RB + M_A is no inertia or the damping can drive the vehicle."""
     if total.solid.mass <= 0:
         raise ConfigError(f"{where}: no part has a mass; give 'mass' [kg] to parts, or rigid_body.mass")
     if not np.allclose(total.added_mass, total.added_mass.T, rtol=1e-6, atol=1e-9):
@@ -42,7 +43,7 @@ def require_sound(total: Assembly, rigid_body_mass: np.ndarray, where: str) -> N
         )
 
 
-def driving_velocity(damping: Damping, samples: int = 4000) -> tuple[np.ndarray, float] | None:
+def driving_velocity(damping: Damping, samples: int = 4000) -> tuple[Float[np.ndarray, "6"], float] | None:
     """A velocity at which nu . D(nu) nu < 0, with the power delivered [W], or None.
 
     Weak couplings are dissipative by `coupling_load`. For others there is no simple criterion (quadratic, ahead unlike
@@ -68,14 +69,14 @@ def driving_velocity(damping: Damping, samples: int = 4000) -> tuple[np.ndarray,
     return None
 
 
-def _power(damping: Damping, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """nu . D(nu) nu [W], and the same with all terms counted positive, shapes (n,), of velocities (n, 6)."""
+def _power(damping: Damping, nu: Float[np.ndarray, "n 6"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """nu . D(nu) nu [W], and the same with all terms counted positive, of velocities."""
     la, lb, qa, qb = damping.matrices()
     ahead, astern = np.maximum(nu, 0), np.maximum(-nu, 0)
     wrench = ahead @ la.T - astern @ lb.T + ahead**2 @ qa.T - astern**2 @ qb.T
     return np.sum(nu * wrench, axis=1), np.sum(np.abs(nu * wrench), axis=1)
 
 
-def _share_lost(damping: Damping, nu: np.ndarray) -> np.ndarray:
+def _share_lost(damping: Damping, nu: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, " n"]:
     power, scale = _power(damping, nu)
     return power / np.maximum(scale, 1e-12)

@@ -1,0 +1,110 @@
+"""The package with its types checked: `python -m tests.shapes`, in a process of its own.
+
+Shapes in types are read by people and editors; here jaxtyping and beartype check them at every call. Programs are
+traced and not compiled: `jax.eval_shape` gives a function arrays that have a shape and no values. To run any other
+test in this way: `pytest --jaxtyping-packages="rovtwin,CHECKER"`, with CHECKER from below.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from jaxtyping import TypeCheckError, install_import_hook
+
+CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"  # an int will do for a float
+DT = 0.02
+
+
+@contextmanager
+def gathered(problems: list[str], what: str) -> Iterator[None]:
+    """What is found wrong within goes to the problems, and the next thing is looked at."""
+    try:
+        yield
+    except TypeCheckError as error:
+        problems.append(f"{what}: {error}")
+
+
+def trace_blocks(problems: list[str]) -> int:
+    """`init` and one `step` of the example of every Block, autopilots and sensors among them; how many."""
+    from tests.block_examples import EXAMPLES, START
+
+    from rovtwin.core.numerics import jax
+
+    for name, make in EXAMPLES.items():
+        with gathered(problems, name):
+            shown = make()
+            memory = jax.eval_shape(shown.block.init, jax.random.key(0), START)
+            one = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), shown.inputs)
+            jax.eval_shape(lambda m, i, shown=shown: shown.block.step(m, i, shown.dt), memory, one)
+    return len(EXAMPLES)
+
+
+def trace_vehicles(problems: list[str]) -> int:
+    """Description and Model of every vehicle in the library, a roll-out of each form of Model; how many."""
+    from rovtwin.core.block import Start
+    from rovtwin.core.flow import Command, Environment
+    from rovtwin.core.numerics import jax, jnp
+    from rovtwin.vehicle import list_library, load_vehicle
+    from rovtwin.vehicle.physics.dynamics import State, rollout
+
+    names, seen = list_library(), set()
+    water = Environment.calm(surface=jnp.zeros(()), gradient=jnp.zeros((3, 3)))
+    for name in names:
+        with gathered(problems, name):
+            model = load_vehicle(name).model()
+            form = str(jax.tree.map(jnp.shape, model))
+            if form in seen:
+                continue
+            seen.add(form)
+            commands = jax.vmap(Command)(jnp.zeros((3, model.thrusters.count)))
+            start = State.at(model, Start.at((0.0, 0.0, 3.0)))
+            jax.eval_shape(lambda m, s, c: rollout(m, s, c, water, DT), model, start, commands)
+    return len(names)
+
+
+def wrong_calls() -> dict[str, Callable[[], Any]]:
+    """With a wrong shape or kind of number: each must be refused."""
+    from rovtwin.core.frames import rotation_from_quaternion
+    from rovtwin.core.numerics import jnp
+    from rovtwin.vehicle import load_vehicle
+    from rovtwin.vehicle.physics.dynamics import State, damping_wrench
+    from rovtwin.vehicle.physics.thrusters import static_force, thrusters_from
+
+    model, zeros = load_vehicle("double_blueye").model(), jnp.zeros
+    return {
+        "nu of five components": lambda: damping_wrench(model, zeros(5)),
+        "nu of integers": lambda: damping_wrench(model, zeros(6, dtype=int)),
+        "a rotation in place of a quaternion": lambda: rotation_from_quaternion(zeros((3, 3))),
+        "a position on a plane": lambda: State(zeros(2), zeros(4), zeros(6), zeros(8)),
+        "three forces of two thrusters": lambda: thrusters_from(zeros((6, 2)), zeros(3)),
+        "commands of two vehicles": lambda: static_force(model.thrusters, zeros((2, 8))),
+    }
+
+
+def accepted() -> list[str]:
+    """Which of the wrong calls went through."""
+    passed = []
+    for what, call in wrong_calls().items():
+        try:
+            call()
+        except TypeCheckError:
+            continue
+        except Exception:  # the mathematics noticed, and not the type
+            pass
+        passed.append(f"{what}: not refused")
+    return passed
+
+
+def main() -> None:
+    """Prints how much was looked at, or ends with the problems."""
+    problems: list[str] = []
+    with install_import_hook("rovtwin", CHECKER):
+        blocks, vehicles = trace_blocks(problems), trace_vehicles(problems)
+        problems += accepted()
+    if problems:
+        raise SystemExit("\n\n".join(problems))
+    print(f"{blocks} blocks and {vehicles} vehicles traced")
+
+
+if __name__ == "__main__":
+    main()
