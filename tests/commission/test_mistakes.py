@@ -16,7 +16,7 @@ from rovtwin.core.flow import Measurement
 pytestmark = pytest.mark.slow
 
 
-def told(sensor, value):
+def reporting(sensor, value):
     """A sensor that the vehicle tells of besides, in each reading of the depth."""
 
     class Telling(Corrupted):
@@ -29,8 +29,8 @@ def told(sensor, value):
 
 
 AT_REST = {
-    "battery empty": (told("battery", [0.2, 30.0]), "battery", "charged to 20 %"),
-    "leak": (told("leak", [1.0]), "leak", "water"),
+    "battery empty": (reporting("battery", [0.2, 30.0]), "battery", "charged to 20 %"),
+    "leak": (reporting("leak", [1.0]), "leak", "water"),
 }
 
 
