@@ -11,11 +11,11 @@ from rovtwin.identification.joint.model.parameters import (
     DAMPINGS,
     DIRECTIONS,
     THRUST_UNITS,
-    UNITS,
     Parameter,
     Parameters,
 )
 from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.constants import COEFFICIENT_UNITS
 from rovtwin.vehicle.physics.model import Model
 
 
@@ -97,9 +97,9 @@ def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Va
         name: getattr(model, name if "astern" in name else f"{name}_ahead") for name in DAMPINGS
     }
     for name, matrix in diagonals.items():
-        units = UNITS[name.split("_")[0]]
+        units = COEFFICIENT_UNITS[name.removesuffix("_astern")]
         for i, direction in enumerate(DIRECTIONS):
-            stated[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i]
+            stated[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i // 3]
     for name, share in shares(model).items():
         if abs(share) < bound_of(name):
             stated[name] = share, "1"

@@ -8,16 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.constants import AXES, COEFFICIENT_UNITS
 from rovtwin.vehicle.description.totals.added_mass import Solid
 from rovtwin.vehicle.description.totals.assembly import bodies
 from rovtwin.vehicle.description.vehicle import Vehicle
-
-UNITS = {
-    "added_mass": ("kg", "kg m2"),
-    "linear_damping": ("N s/m", "N m s/rad"),
-    "quadratic_damping": ("N s2/m2", "N m s2/rad2"),
-}
 
 # Log standard deviation in translation and in rotation, by where the number comes from; of closed hulls. 0.7 is a
 # factor of 2, and 95 % lie within twice that on either side. The comparisons behind: docs/identification/priors.md.
@@ -80,7 +74,7 @@ def log_normals(values: Mapping[str, np.ndarray], widths: Mapping[str, float], s
     """Priors by name, of arrays of 6 by quantity; what is not a positive number is left out.
 
     Args:
-        values: Quantities of UNITS, each shape (6,), surge to yaw.
+        values: Quantities of COEFFICIENT_UNITS, each shape (6,), surge to yaw.
         widths: By name, as `widths_of` gives them.
         source: Method and reference.
     """
@@ -88,7 +82,7 @@ def log_normals(values: Mapping[str, np.ndarray], widths: Mapping[str, float], s
     for quantity, numbers in values.items():
         for i, (axis, number) in enumerate(zip(AXES, numbers, strict=True)):
             if np.isfinite(number) and number > 0:
-                name, unit = f"{quantity}.{axis}", UNITS[quantity][i // 3]
+                name, unit = f"{quantity}.{axis}", COEFFICIENT_UNITS[quantity][i // 3]
                 found[name] = LogNormal(name, float(number), widths[name], unit, source)
     return found
 

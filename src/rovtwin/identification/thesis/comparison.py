@@ -8,11 +8,11 @@ from rovtwin.identification.thesis.decay import PLACES, corrected
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
 from rovtwin.identification.thesis.free_running import bent, bent_heave
 from rovtwin.identification.thesis.parts import quadratic_of_parts
+from rovtwin.vehicle.constants import COEFFICIENT_UNITS
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FASTEST = {"surge": 0.29, "sway": 0.16, "heave": 0.06}  # of the free-running tests, tables 3.3 to 3.5 [m/s]
 WORDS = ("linear", "quadratic")
-UNITS = {False: ("N s/m", "N s2/m2"), True: ("N m s/rad", "N m s2/rad2")}  # of damping, by rotation
 
 
 def force(pair: Sequence[float], v: np.ndarray) -> np.ndarray:
@@ -50,8 +50,16 @@ def copies() -> list[Line]:
                 if abs(shown - first) <= 0.05 * abs(first):
                     continue
                 times = f", {shown / first:.2f} times it" if first else ""
-                lines.append(Line(f"{axis}, {word} damping, {method}", UNITS[i > 2][k], "table 4.2", shown, first,
-                                  reason=sentence("other_table", source=source, times=times)))  # fmt: skip
+                lines.append(
+                    Line(
+                        f"{axis}, {word} damping, {method}",
+                        COEFFICIENT_UNITS[f"{word}_damping"][i > 2],
+                        "table 4.2",
+                        shown,
+                        first,
+                        reason=sentence("other_table", source=source, times=times),
+                    )
+                )
     return lines
 
 

@@ -5,13 +5,9 @@ import numpy as np
 from rovtwin.identification.priors.empirical import Published, against_thesis
 from rovtwin.identification.thesis.comparison import FASTEST, force
 from rovtwin.identification.thesis.found import Line, Section, printed, sentence
+from rovtwin.vehicle.constants import COEFFICIENT_UNITS
 
 WORDS = {"added_mass": "added mass", "quadratic_damping": "quadratic damping", "linear_damping": "linear damping"}
-UNITS = {
-    "added_mass": ("kg", "kg m2"),
-    "quadratic_damping": ("N s2/m2", "N m s2/rad2"),
-    "linear_damping": ("N s/m", "N m s/rad"),
-}
 ROTATIONS = ("roll", "pitch", "yaw")
 
 
@@ -20,7 +16,7 @@ def empirical_section() -> Section:
     lines = tuple(
         Line(
             f"{one.axis}, {WORDS[one.quantity]}",
-            UNITS[one.quantity][one.axis in ROTATIONS],
+            COEFFICIENT_UNITS[one.quantity][one.axis in ROTATIONS],
             one.equation,
             one.printed,
             one.computed,

@@ -11,11 +11,11 @@ from rovtwin.identification.steady.thrust import shape
 from rovtwin.identification.steady.thrust_damping import JointFit, ThrustPrior, fit_thrust_and_damping
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, half_digit, printed, sentence
 from rovtwin.identification.thesis.parts import linear_of_parts
+from rovtwin.vehicle.constants import COEFFICIENT_UNITS
 
 SHARE_KNOWN = 0.02  # a bollard pull: width of the full thrust
 EXPONENT = Known(1.75, 0.125)  # 1.5 to 2, as T200s in bollard tests
 PIONEER_CURVE = (0.07, 1.33)  # dead band and exponent of blueye_pioneer.yaml: T200 at 16 V, full force held
-UNITS = {False: ("N s/m", "N s2/m2"), True: ("N m s/rad", "N m s2/rad2")}  # of damping, by rotation
 
 
 def rows(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -94,10 +94,18 @@ def _pair(name: str, corrected: np.ndarray, sd: np.ndarray, reasons: Sequence[st
     published, derived = data["published"], as_printed(name)
     where = f"{published['where']}, table {data['table']}"
     return [
-        Line(f"{name}, {word} damping", UNITS[name == "yaw"][i], where, float(published[word]), float(derived[i]),
-             float(corrected[i]), float(sd[i]), reasons[i])
+        Line(
+            f"{name}, {word} damping",
+            COEFFICIENT_UNITS[f"{word}_damping"][name == "yaw"],
+            where,
+            float(published[word]),
+            float(derived[i]),
+            float(corrected[i]),
+            float(sd[i]),
+            reasons[i],
+        )
         for i, word in enumerate(("linear", "quadratic"))
-    ]  # fmt: skip
+    ]
 
 
 def _heave_reasons() -> tuple[str, str]:
@@ -126,8 +134,16 @@ def damping_section() -> Section:
     pairs["heave"] = _pair("heave", heave.coefficients, heave_sd, _heave_reasons())
     order = ("surge", "sway", "heave", "yaw")
     linear, quadratic = yaw_of_library()
-    library = Line("yaw, quadratic damping, library", UNITS[True][1], "table 3.6", None, None, quadratic, None,
-                   sentence("yaw_library", linear=linear))  # fmt: skip
+    library = Line(
+        "yaw, quadratic damping, library",
+        COEFFICIENT_UNITS["quadratic_damping"][1],
+        "table 3.6",
+        None,
+        None,
+        quadratic,
+        None,
+        sentence("yaw_library", linear=linear),
+    )
     lines = (*(line for name in order for line in pairs[name]), library)
     panels = tuple(_panel(name, fits.get(name, heave)) for name in order)
     return Section("free_running", "Free running: damping (tables 3.3 to 3.6)", lines, _remarks(fits), panels)

@@ -17,11 +17,11 @@ from rovtwin.identification.joint.model.parameters import (
     INFLOW,
     MOUNTING,
     THRUST_UNITS,
-    UNITS,
     Parameter,
     Parameters,
 )
 from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.constants import COEFFICIENT_UNITS
 from rovtwin.vehicle.physics.model import Model
 
 # Linear damping that a file leaves at zero starts as this share of the quadratic, at 1 m/s or 1 rad/s.
@@ -58,12 +58,17 @@ def _hydrodynamics(model: Model) -> Iterable[Parameter]:
     added, rigid = (np.asarray(m).diagonal() for m in (model.added_mass, model.rigid_body_mass))
     for i, direction in enumerate(DIRECTIONS):
         if added[i] > _ROUNDING * rigid[i]:  # a disc has none in yaw, by formula and but for rounding
-            yield Parameter(f"added_mass.{direction}", UNITS["added"][i], float(added[i]), True)
+            yield Parameter(f"added_mass.{direction}", COEFFICIENT_UNITS["added_mass"][i // 3], float(added[i]), True)
     for kind in DAMPINGS:
         diagonal = np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
         for i, direction in enumerate(DIRECTIONS):
             if diagonal[i] > 0:
-                yield Parameter(f"{kind}.{direction}", UNITS[kind.split("_")[0]][i], float(diagonal[i]), True)
+                yield Parameter(
+                    f"{kind}.{direction}",
+                    COEFFICIENT_UNITS[kind.removesuffix("_astern")][i // 3],
+                    float(diagonal[i]),
+                    True,
+                )
     for name, share in shares(model).items():
         if abs(share) < _WIDEST * bound_of(name):
             yield Parameter.at(name, "1", share, False)

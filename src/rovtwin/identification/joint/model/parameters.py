@@ -33,11 +33,6 @@ from rovtwin.vehicle.physics.model import Model
 
 DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 DAMPINGS = ("linear_damping", "quadratic_damping", "linear_damping_astern", "quadratic_damping_astern")
-UNITS = {
-    "added": ("kg",) * 3 + ("kg m2",) * 3,
-    "linear": ("N s/m",) * 3 + ("N m s/rad",) * 3,
-    "quadratic": ("N s2/m2",) * 3 + ("N m s2/rad2",) * 3,
-}
 MOUNTING = tuple(f"sensors.gyro.{axis}" for axis in ("roll", "pitch", "yaw"))  # [rad]
 INFLOW = "inflow_loss"  # of a group of thrusters [s/m]: a difference, as it may be none
 THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
