@@ -1,8 +1,10 @@
 """The package with its types checked: `python -m tests.shapes loop` or `estimate`, in a process of its own.
 
 Shapes in types are read by people and editors; here jaxtyping and beartype check them at every call. Programs are
-traced and not compiled: `jax.eval_shape` gives a function arrays that have a shape and no values. To run some other
-test in this way: `pytest --jaxtyping-packages="rovtwin,CHECKER"`, with CHECKER from below.
+traced and not compiled: `jax.eval_shape` gives a function arrays that have a shape and no values.
+
+`ROVTWIN_SHAPES=1 pytest ..` runs any other test in this way (`conftest.py`). Not all pass: JAX takes NumPy's arrays and
+integers where a type says an Array of floats, and tests make use of it.
 """
 
 import sys
@@ -13,7 +15,16 @@ from typing import Any
 from jaxtyping import TypeCheckError, install_import_hook
 
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"  # an int will do for a float
+WHERE = (
+    *("rovtwin.core.arrays", "rovtwin.core.block", "rovtwin.core.flow", "rovtwin.core.frames", "rovtwin.gnc"),
+    *("rovtwin.identification.joint", "rovtwin.positioning", "rovtwin.simulation", "rovtwin.vehicle"),
+)
 DT = 0.02
+
+
+def checked() -> Any:
+    """From here on what is imported of the package is checked; until the end of a `with` block."""
+    return install_import_hook(WHERE, CHECKER)
 
 
 @contextmanager
@@ -140,7 +151,7 @@ def estimate(problems: list[str]) -> str:
 def main(what: str) -> None:
     """Prints how much was traced, or ends with the problems."""
     problems: list[str] = []
-    with install_import_hook("rovtwin", CHECKER):
+    with checked():
         traced = {"loop": loop, "estimate": estimate}[what](problems)
     if problems:
         raise SystemExit("\n\n".join(problems))
