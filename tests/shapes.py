@@ -7,6 +7,7 @@ traced and not compiled: `jax.eval_shape` gives a function arrays that have a sh
 integers where a type says an Array of floats, and tests make use of it.
 """
 
+import gc
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -150,6 +151,7 @@ def estimate(problems: list[str]) -> str:
 
 def main(what: str) -> None:
     """Prints how much was traced, or ends with the problems."""
+    gc.disable()  # a trace makes many objects that live, and the process ends soon
     problems: list[str] = []
     with checked():
         traced = {"loop": loop, "estimate": estimate}[what](problems)
