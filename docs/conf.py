@@ -1,6 +1,14 @@
 """How Sphinx makes pages of these files; `make docs`."""
 
+import typing
 from importlib.metadata import version as version_of
+
+import jax
+
+# Types are shown as they are written, Float[Array, '6 6'], without the modules that they come from.
+setattr(typing, "GENERATING_DOCUMENTATION", "rovtwin")  # noqa: B010  (jaxtyping looks for it)
+jax.Array.__name__ = jax.Array.__qualname__ = "Array"
+jax.Array.__module__ = "builtins"
 
 project = "rovtwin"
 author = "The rovtwin developers"

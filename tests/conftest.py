@@ -19,6 +19,11 @@ if "optimization_level" not in os.environ.get("XLA_FLAGS", ""):
         _quick.append("--xla_cpu_use_fusion_emitters=false")
     os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_quick]).strip()
 
+if os.environ.get("ROVTWIN_SHAPES"):
+    from tests.shapes import checked
+
+    checked()
+
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario

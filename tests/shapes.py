@@ -1,10 +1,14 @@
-"""The package with its types checked: `python -m tests.shapes`, in a process of its own.
+"""The package with its types checked: `python -m tests.shapes loop` or `estimate`, in a process of its own.
 
 Shapes in types are read by people and editors; here jaxtyping and beartype check them at every call. Programs are
-traced and not compiled: `jax.eval_shape` gives a function arrays that have a shape and no values. To run any other
-test in this way: `pytest --jaxtyping-packages="rovtwin,CHECKER"`, with CHECKER from below.
+traced and not compiled: `jax.eval_shape` gives a function arrays that have a shape and no values.
+
+`ROVTWIN_SHAPES=1 pytest ..` runs any other test in this way (`conftest.py`). Not all pass: JAX takes NumPy's arrays and
+integers where a type says an Array of floats, and tests make use of it.
 """
 
+import gc
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,7 +16,16 @@ from typing import Any
 from jaxtyping import TypeCheckError, install_import_hook
 
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"  # an int will do for a float
+WHERE = (
+    *("rovtwin.core.arrays", "rovtwin.core.block", "rovtwin.core.flow", "rovtwin.core.frames", "rovtwin.gnc"),
+    *("rovtwin.identification.joint", "rovtwin.positioning", "rovtwin.simulation", "rovtwin.vehicle"),
+)
 DT = 0.02
+
+
+def checked() -> Any:
+    """From here on what is imported of the package is checked; until the end of a `with` block."""
+    return install_import_hook(WHERE, CHECKER)
 
 
 @contextmanager
@@ -62,6 +75,35 @@ def trace_vehicles(problems: list[str]) -> int:
     return len(names)
 
 
+def trace_estimate(problems: list[str]) -> int:
+    """Normal equations, residuals and balance of forces of the joint estimate, of a log of four seconds; how many."""
+    from tests.identification.synthetic import records_of, steps_command
+
+    from rovtwin.core.numerics import jax, jnp
+    from rovtwin.identification.joint.model.catalogue import catalogue, choose
+    from rovtwin.identification.joint.model.prior import default_prior
+    from rovtwin.identification.joint.solver.problem import Problem
+    from rovtwin.identification.joint.solver.segments import Grid, cut
+    from rovtwin.identification.joint.solver.shooting import Shooting
+    from rovtwin.vehicle import load_vehicle
+    from rovtwin.vehicle.physics.dynamics import State
+
+    with gathered(problems, "joint estimate"):
+        vehicle = load_vehicle("bluerov2_heavy")
+        level = jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (400, 1))
+        path = jax.vmap(State)(jnp.zeros((400, 3)), level, jnp.zeros((400, 6)), jnp.zeros((400, 8)))
+        log = records_of(path, *steps_command(vehicle, 0, 4.0), 4.0, 0, ("position", "attitude", "gyro"))
+        parameters, segments = choose(catalogue(vehicle), ["*"]), cut([log], Grid(steps=50))
+        problem = Problem(Shooting(parameters, segments), default_prior(parameters, vehicle))
+        theta, offsets = jnp.zeros(len(parameters)), jnp.zeros(len(problem.groups))
+        nodes, sigma = jax.tree.map(jnp.asarray, problem.guess), jnp.ones(len(problem.groups))
+        shooting, balance = problem.shooting, problem.shooting.balance
+        jax.eval_shape(shooting.blocks, theta, offsets, nodes, sigma, segments.arrays)
+        jax.eval_shape(shooting.residuals, theta, offsets, nodes, segments.arrays)
+        jax.eval_shape(balance.missing, theta, balance.arrays_of(segments))
+    return 3
+
+
 def wrong_calls() -> dict[str, Callable[[], Any]]:
     """With a wrong shape or kind of number: each must be refused."""
     from rovtwin.core.frames import rotation_from_quaternion
@@ -95,16 +137,28 @@ def accepted() -> list[str]:
     return passed
 
 
-def main() -> None:
-    """Prints how much was looked at, or ends with the problems."""
+def loop(problems: list[str]) -> str:
+    """All that flies: blocks and vehicles, and the calls that must be refused."""
+    blocks, vehicles = trace_blocks(problems), trace_vehicles(problems)
+    problems += accepted()
+    return f"{blocks} blocks and {vehicles} vehicles"
+
+
+def estimate(problems: list[str]) -> str:
+    """The estimate."""
+    return f"{trace_estimate(problems)} parts of the estimate"
+
+
+def main(what: str) -> None:
+    """Prints how much was traced, or ends with the problems."""
+    gc.disable()  # a trace makes many objects that live, and the process ends soon
     problems: list[str] = []
-    with install_import_hook("rovtwin", CHECKER):
-        blocks, vehicles = trace_blocks(problems), trace_vehicles(problems)
-        problems += accepted()
+    with checked():
+        traced = {"loop": loop, "estimate": estimate}[what](problems)
     if problems:
         raise SystemExit("\n\n".join(problems))
-    print(f"{blocks} blocks and {vehicles} vehicles traced")
+    print(f"{traced} traced")
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1])

@@ -11,8 +11,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, as_array, module_for
-from rovtwin.core.types import Quaternion, Scalar, Vector3, Vector6
+from rovtwin.core.numerics import as_array, module_for
+from rovtwin.core.types import PRNGKey, Quaternion, Scalar, Vector3, Vector6
 
 
 class Start(eqx.Module):
@@ -43,7 +43,7 @@ class Block(eqx.Module):
     """Immutable parameters with `init(key, start) -> memory` and `step(memory, input, dt) -> (memory, output)`."""
 
     @abc.abstractmethod
-    def init(self, key: Array, start: Start) -> Any:
+    def init(self, key: PRNGKey, start: Start) -> Any:
         """Memory before the first tick; `key` seeds all randomness of the block."""
 
     @abc.abstractmethod

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.simulation.camera.rays import Rays
@@ -13,28 +14,30 @@ _MOST_CELLS = 11  # 7 x 7 bits with border and rim
 class Faces(eqx.Module):
     """Rectangles in c at one instant, float32; first axis: faces."""
 
-    corner: Array
-    normal: Array
-    normal_n: Array  # in n
-    right: Array  # unit
-    up: Array  # unit
-    size: Array
-    origin: Array
-    material: Array
-    indoor: Array
-    below: Array  # 1 where only what is below the surface counts, -1 above it (mirrored), 0 all
-    print: Array  # 1 where it is a marker
-    cells: Array  # along a side of its print
-    bits: Array
+    corner: Float[Array, "faces 3"]
+    normal: Float[Array, "faces 3"]
+    normal_n: Float[Array, "faces 3"]  # in n
+    right: Float[Array, "faces 3"]  # unit
+    up: Float[Array, "faces 3"]  # unit
+    size: Float[Array, "faces 2"]
+    origin: Float[Array, "faces 2"]
+    material: Float[Array, "faces 11"]
+    indoor: Int[Array, " faces"]
+    below: Float[Array, " faces"]  # 1 where only what is below the surface counts, -1 above it (mirrored), 0 all
+    print: Float[Array, " faces"]  # 1 where it is a marker
+    cells: Float[Array, " faces"]  # along a side of its print
+    bits: Float[Array, "faces 11 11"]
 
 
-def faces_in_view(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.ndarray, rays: Rays) -> Faces:
+def faces_in_view(
+    rectangles: list[tuple[Rectangle, bool]], eye: Float[np.ndarray, "3"], R_nc: Float[np.ndarray, "3 3"], rays: Rays
+) -> Faces:
     """Rectangles that may be in the picture, in c; how many there are is rounded up, so that little is compiled.
 
     Args:
         rectangles: Each with whether it is what the surface mirrors.
-        eye: Where the camera is, n [m], shape (3,).
-        R_nc: Maps c to n, shape (3, 3).
+        eye: Where the camera is, n [m].
+        R_nc: Maps c to n.
         rays: Of the camera's pixels.
     """
     border = np.concatenate([rays.direction[i] for i in (0, -1)] + [rays.direction[:, i] for i in (0, -1)])
@@ -62,7 +65,10 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 }  # fmt: skip
 
 
-def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray, float]], R_nc: np.ndarray) -> Faces:
+def _as_faces(
+    rows: list[tuple[Rectangle, Float[np.ndarray, "4 3"], Float[np.ndarray, "3"], float]],
+    R_nc: Float[np.ndarray, "3 3"],
+) -> Faces:
     count = max(-(-len(rows) // 8) * 8, 8)
     table = {name: np.zeros((count, *shape)) for name, shape in _SHAPES.items()}
     table["size"] -= 1.0  # of those that are not there: nothing is inside of them

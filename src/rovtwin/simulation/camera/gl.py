@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.extras import imported
@@ -58,8 +59,8 @@ class Pinhole:
     Attributes:
         size: Width and height [px].
         focal: [px].
-        principal: [px], shape (2,).
-        center: In c [m], shape (3,).
+        principal: Two numbers [px].
+        center: In c [m].
         map_x: Columns of the lens's pixels in it, shape (H, W), float32; map_y rows.
         through_port: Whether these depend on range, and hold for PORT_RANGE.
     """
@@ -85,18 +86,20 @@ class Pinhole:
             self._start, self._direction = from_center.astype(np.float32), rays.direction
             self._ahead = (from_center * d).sum(axis=-1).astype(np.float32)
 
-    def maps_at(self, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The maps for things at a way from the center [m], shape (H, W)."""
+    def maps_at(self, way: Float[np.ndarray, "H W"]) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
+        """The maps for things at a way from the center [m]."""
         along = np.minimum(way, FAR) - self._ahead  # of the ray itself, which starts at the port
         return self._columns_and_rows(self._start + along[..., None] * self._direction)
 
-    def _columns_and_rows(self, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _columns_and_rows(
+        self, seen: Float[np.ndarray, "H W 3"]
+    ) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
         x, y = (self.focal * seen[..., i] / seen[..., 2] + self.principal[i] for i in range(2))
         return x.astype(np.float32), y.astype(np.float32)
 
     @property
-    def clip(self) -> np.ndarray:
-        """From c, seen from the centre, to clip space, shape (4, 4); row 0 of the picture is its top."""
+    def clip(self) -> Float[np.ndarray, "4 4"]:
+        """From c, seen from the centre, to clip space; row 0 of the picture is its top."""
         (w, h), f, c = self.size, self.focal, self.principal
         return np.array(
             [
@@ -108,12 +111,12 @@ class Pinhole:
         )
 
     @property
-    def ray(self) -> np.ndarray:
-        """From (x, y, 1) of the screen, each -1 to 1, to a direction in c, shape (3, 3)."""
+    def ray(self) -> Float[np.ndarray, "3 3"]:
+        """From (x, y, 1) of the screen, each -1 to 1, to a direction in c."""
         return np.linalg.inv(np.delete(np.delete(self.clip, 2, axis=0), 3, axis=1))
 
 
-def _center(points: np.ndarray, d: np.ndarray) -> float:
+def _center(points: Float[np.ndarray, "_ _ 3"], d: Float[np.ndarray, "H W 3"]) -> float:
     """Where rays seem to come from on the axis [m]: 0, and with a port the middle of where they cross the axis."""
     if points.shape[0] == 1:
         return 0.0
@@ -160,7 +163,9 @@ class GlDrawer:
         content = [(ctx.buffer(vertices.tobytes()), "3f 3f 2f 2f 4f 2f", *_ATTRIBUTES)]
         self._things = ctx.vertex_array(self._program, content, index_buffer=ctx.buffer(index.tobytes()))
 
-    def draw(self, light: Lighting, R_nc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def draw(
+        self, light: Lighting, R_nc: Float[np.ndarray, "3 3"]
+    ) -> tuple[Float[np.ndarray, "H W 3"], Float[np.ndarray, "H W"]]:
         """As `Raycaster.draw`."""
         picture = self._pinhole_picture(light, R_nc)
         at = self.pinhole.map_x, self.pinhole.map_y
@@ -171,7 +176,7 @@ class GlDrawer:
         seen = self._remap(picture, *at, self._linear)
         return seen[..., :3], np.where(seen[..., 3] < 0.5 * FAR, seen[..., 3], np.inf)
 
-    def _pinhole_picture(self, light: Lighting, R_nc: np.ndarray) -> np.ndarray:
+    def _pinhole_picture(self, light: Lighting, R_nc: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "h w 4"]:
         ctx, pinhole = self.ctx, self.pinhole
         eye = light.eye + R_nc @ pinhole.center
         turn = np.eye(4)
@@ -223,7 +228,7 @@ def gl_drawer(scene: Scene, rays: Rays, name: str) -> GlDrawer:
         ) from None
 
 
-def _shared(program: Any, light: Lighting, eye: np.ndarray) -> None:
+def _shared(program: Any, light: Lighting, eye: Float[np.ndarray, "3"]) -> None:
     for name in ("beam", "veil", "glow", "gain"):
         _set(program, name, getattr(light, name))
     _set(program, "eye", eye)
@@ -250,7 +255,7 @@ _ATTRIBUTES = ("at", "out_", "texture_", "local_", "face_", "look_")
 
 def gathered(
     rectangles: list[Rectangle], meshes: list[Mesh]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+) -> tuple[Float[np.ndarray, "n 16"], Int[np.ndarray, " k"], Float[np.ndarray, "m 12"], list[np.ndarray]]:
     """Vertices (n, 16), indices, materials (m, 12), prints: all that is drawn, float32 and int32.
 
     What stands in front comes first, walls last: what is hidden is not shaded.
@@ -290,8 +295,8 @@ def _number(materials: list[Material], material: Material) -> float:
     return float(len(materials) - 1)
 
 
-def _unrolled(mesh: Mesh) -> np.ndarray:
-    """Texture coordinates [m], shape (n, 2): a vertex seen along the axis to which its normal is nearest."""
+def _unrolled(mesh: Mesh) -> Float[np.ndarray, "n 2"]:
+    """Texture coordinates [m]: a vertex seen along the axis to which its normal is nearest."""
     axis = np.abs(mesh.normals).argmax(axis=1)
     pairs = np.array([[1, 2], [0, 2], [0, 1]])[axis]
     return np.take_along_axis(mesh.vertices, pairs, axis=1)

@@ -1,6 +1,7 @@
 """From brightness to the picture that a camera delivers: motion blur, noise, tone."""
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from rovtwin.core.vision import opencv
 
@@ -8,24 +9,26 @@ GAMMA = 1.0 / 2.2
 _TABLE = np.round(255.0 * (np.arange(4096) / 4095.0) ** GAMMA).astype(np.uint8)
 
 
-def toned(colour: np.ndarray) -> np.ndarray:
+def toned(colour: Float[np.ndarray, "*axes"]) -> UInt8[np.ndarray, "*axes"]:
     """Grey levels of linear brightness, 1 is full scale; uint8 of the same shape."""
     return _TABLE[np.clip(colour * 4095.0 + 0.5, 0.0, 4095.0).astype(np.uint16)]
 
 
-def noisy(image: np.ndarray, std: float, seed: int) -> np.ndarray:
+def noisy(image: UInt8[np.ndarray, "*axes"], std: float, seed: int) -> UInt8[np.ndarray, "*axes"]:
     """With noise of a standard deviation [grey levels] on every pixel and band, the same for the same seed."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal(image.shape, dtype=np.float32) * np.float32(std)
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
-def moved(lens_flow: np.ndarray, colour: np.ndarray, samples: int) -> np.ndarray:
+def moved(
+    lens_flow: Float[np.ndarray, "H W 2"], colour: Float[np.ndarray, "H W 3"], samples: int
+) -> Float[np.ndarray, "H W 3"]:
     """Blurred by motion: the mean of the picture shifted along its flow, half of it before and half after.
 
     Args:
-        lens_flow: How far each pixel's content moves while the shutter is open [px], shape (H, W, 2).
-        colour: Linear, shape (H, W, 3).
+        lens_flow: How far each pixel's content moves while the shutter is open [px].
+        colour: Linear brightness.
         samples: How many shifts.
     """
     cv2 = opencv("motion blur")

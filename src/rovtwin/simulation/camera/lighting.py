@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.simulation.camera.water import BACK, Optics
 from rovtwin.simulation.scene.scene import Scene
@@ -21,34 +22,36 @@ class Lighting:
     """Of one picture; bands red, green, blue.
 
     Attributes:
-        surface: Light at the surface, after exposure, shape (3,).
+        surface: Light at the surface, after exposure.
         below: Share of it on a face that looks down.
         caustics: Strength of the bright net.
-        beam: c [1/m], shape (3,).
-        diffuse: K [1/m], shape (3,).
-        veil: Brightness of endless water about the camera, shape (3,).
-        lamps: Per lamp position in n [m], direction in n, exponent of its beam, power: shape (n, 8).
-        glow: What of a lamp's light is scattered back [1/m], shape (3,).
-        gain: Of the camera in each band, shape (3,): its white balance.
+        beam: c [1/m].
+        diffuse: K [1/m].
+        veil: Brightness of endless water about the camera.
+        lamps: Per lamp position in n [m], direction in n, exponent of its beam, power.
+        glow: What of a lamp's light is scattered back [1/m].
+        gain: Of the camera in each band: its white balance.
         tank: Whether the surface mirrors what is below it.
-        eye: Centre of the camera, n [m], shape (3,).
+        eye: Centre of the camera, n [m].
     """
 
-    surface: np.ndarray
+    surface: Float[np.ndarray, "3"]
     below: float
     caustics: float
-    beam: np.ndarray
-    diffuse: np.ndarray
-    veil: np.ndarray
-    lamps: np.ndarray
-    glow: np.ndarray
-    gain: np.ndarray
+    beam: Float[np.ndarray, "3"]
+    diffuse: Float[np.ndarray, "3"]
+    veil: Float[np.ndarray, "3"]
+    lamps: Float[np.ndarray, "n 8"]
+    glow: Float[np.ndarray, "3"]
+    gain: Float[np.ndarray, "3"]
     tank: bool
-    eye: np.ndarray
+    eye: Float[np.ndarray, "3"]
 
 
-def lighting(scene: Scene, position: np.ndarray, R_nb: np.ndarray, eye: np.ndarray) -> Lighting:
-    """For a vehicle at `position` and a camera at `eye`, both n [m], shapes (3,)."""
+def lighting(
+    scene: Scene, position: Float[np.ndarray, "3"], R_nb: Float[np.ndarray, "3 3"], eye: Float[np.ndarray, "3"]
+) -> Lighting:
+    """For a vehicle at `position` and a camera at `eye`, both n [m]."""
     light, optics = scene.file.light, Optics.of(scene.file.water)
     day = light.surface * np.exp(-optics.diffuse * max(eye[2], 0.0))
     # A camera exposes for what it sees: daylight where it is, and its lamps on what is some way off.
@@ -72,7 +75,9 @@ def lighting(scene: Scene, position: np.ndarray, R_nb: np.ndarray, eye: np.ndarr
     )
 
 
-def _lamps(scene: Scene, position: np.ndarray, R_nb: np.ndarray, exposure: float) -> np.ndarray:
+def _lamps(
+    scene: Scene, position: Float[np.ndarray, "3"], R_nb: Float[np.ndarray, "3 3"], exposure: float
+) -> Float[np.ndarray, "n 8"]:
     """A lamp's light falls off from its axis as cos^m, half at half its beam."""
     found = np.zeros((len(scene.file.light.lamps), 8))
     for i, lamp in enumerate(scene.file.light.lamps):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from rovtwin.core.arrays.rotations import turn_about_z
 from rovtwin.simulation.camera.renderer import Renderer
@@ -25,14 +26,14 @@ def outside_view(
     bearing_deg: float = 145.0,
     elevation_deg: float = 14.0,
     size: tuple[int, int] = (1280, 720),
-) -> np.ndarray:
-    """RGB, uint8, shape (H, W, 3), with the vehicle in its middle.
+) -> UInt8[np.ndarray, "H W 3"]:
+    """RGB, uint8, with the vehicle in its middle.
 
     Args:
         scene: Around it.
         vehicle: Which one.
-        position: CO in n [m], shape (3,).
-        R_nb: Attitude, shape (3, 3).
+        position: CO in n [m].
+        R_nb: Attitude.
         distance: Of the camera from CO [m]; less where a wall is in the way.
         bearing_deg: Where the camera is, from the bow over starboard.
         elevation_deg: How far above the vehicle.
@@ -51,8 +52,8 @@ def outside_view(
     return Renderer(around, camera, "gl").image(position, R_nb)
 
 
-def _towards(way: np.ndarray, heading: float) -> np.ndarray:
-    """Attitude of a device (x forward, y right, z down) that looks along a way, level, shape (3, 3).
+def _towards(way: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "3 3"]:
+    """Attitude of a device (x forward, y right, z down) that looks along a way, level.
 
     Straight up or down, where every side is level, its right is that of who looks from that heading [rad]; where there
     is no way at all, it looks down.
@@ -66,7 +67,7 @@ def _towards(way: np.ndarray, heading: float) -> np.ndarray:
     return np.column_stack([ahead, right, np.cross(ahead, right)])
 
 
-def _inside(scene: Scene, eye: np.ndarray) -> np.ndarray:
+def _inside(scene: Scene, eye: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     """The point, moved into the water."""
     tank = scene.file.tank
     if tank is None:

@@ -11,9 +11,11 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, Scalar, ScalarLike, Vector3
 from rovtwin.simulation.camera.faces import Faces, faces_in_view
 from rovtwin.simulation.camera.lighting import Lighting
 from rovtwin.simulation.camera.rays import Rays
@@ -28,16 +30,16 @@ DARK, DARKNESS = 0.25, 0.45  # of the corners of a basin: how far they reach [m]
 
 
 class _Light(eqx.Module):
-    surface: Array
-    below: Array
-    caustics: Array
-    beam: Array
-    diffuse: Array
-    veil: Array
-    lamps: Array
-    glow: Array
-    gain: Array
-    eye: Array
+    surface: Vector3
+    below: Scalar
+    caustics: Scalar
+    beam: Vector3
+    diffuse: Vector3
+    veil: Vector3
+    lamps: Float[Array, "n 8"]
+    glow: Vector3
+    gain: Vector3
+    eye: Vector3
 
 
 class Raycaster:
@@ -55,8 +57,10 @@ class Raycaster:
         self._rectangles = [(rectangle, mirrored) for mirrored in mirrors for rectangle in scene.rectangles]
         self._pixel = float(np.median(np.linalg.norm(rays.along[0], axis=-1)))
 
-    def draw(self, light: Lighting, R_nc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Brightness, shape (H, W, 3), linear, and way to what is seen [m], shape (H, W), inf where nothing is."""
+    def draw(
+        self, light: Lighting, R_nc: Float[np.ndarray, "3 3"]
+    ) -> tuple[Float[np.ndarray, "H W 3"], Float[np.ndarray, "H W"]]:
+        """Brightness, linear, and way to what is seen [m], inf where nothing is."""
         faces = faces_in_view(self._rectangles, light.eye, R_nc, self.rays)
         cast = partial(self._cast, faces, _light_arrays(light), jnp.asarray(R_nc, jnp.float32))
         height, width = self.rays.direction.shape[:2]
@@ -68,8 +72,8 @@ class Raycaster:
             colour[edge] = self._finer(cast, edge)
         return colour.reshape(height, width, 3), way.reshape(height, width)
 
-    def _finer(self, cast: Any, pixels: np.ndarray) -> np.ndarray:
-        """Means over ACROSS x ACROSS rays in each of the pixels (flat indices), shape (n, 3)."""
+    def _finer(self, cast: Any, pixels: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Means over ACROSS x ACROSS rays in each of the pixels (flat indices)."""
         steps = (np.arange(ACROSS) + 0.5) / ACROSS - 0.5
         a, b = (s.ravel().astype(np.float32)[None, :, None] for s in np.meshgrid(steps, steps))
 
@@ -85,7 +89,14 @@ class Raycaster:
         colour, _, _ = cast(point, direction)
         return np.clip(colour, 0.0, 1.0).reshape(len(pixels), ACROSS**2, 3).mean(axis=1)
 
-    def _cast(self, faces: Faces, light: _Light, R_nc: Array, point: np.ndarray, direction: np.ndarray) -> Any:
+    def _cast(
+        self,
+        faces: Faces,
+        light: _Light,
+        R_nc: Matrix3,
+        point: Float[np.ndarray, "n 3"],
+        direction: Float[np.ndarray, "n 3"],
+    ) -> Any:
         """Of any number of rays, a block at a time."""
         n = len(direction)
         colour, way, code = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.int32)
@@ -109,7 +120,7 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(many)
 
 
-def _edges(code: np.ndarray) -> np.ndarray:
+def _edges(code: Int[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
     """Where a neighbour, also across a corner, shows something else."""
     edge = np.zeros(code.shape, bool)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -121,8 +132,10 @@ def _edges(code: np.ndarray) -> np.ndarray:
     return edge
 
 
-def _block(faces: Faces, light: _Light, R_nc: Array, o: Any, d: Any, pixel: float) -> tuple[Array, Array, Array]:
-    """Colour (n, 3), way (n,) and a code of what is seen (n,) of rays in c, shapes (3, n).
+def _block(
+    faces: Faces, light: _Light, R_nc: Matrix3, o: Any, d: Any, pixel: float
+) -> tuple[Float[Array, "n 3"], Float[Array, " n"], Int[Array, " n"]]:
+    """Colour, way and a code of what is seen, of rays in c.
 
     In steps, each a program of its own: in one, XLA computes the noise anew for every band.
     """
@@ -135,21 +148,28 @@ def _block(faces: Faces, light: _Light, R_nc: Array, o: Any, d: Any, pixel: floa
 class _Place(eqx.Module):
     """What rays hit: way, coordinates on the face, which face (-1: none), point and direction in n, cosine."""
 
-    way: Array
-    u: Array
-    v: Array
-    face: Array
-    point: tuple[Array, ...]
-    direction: tuple[Array, ...]
-    towards: Array
-    wide: Array
+    way: Float[Array, " n"]
+    u: Float[Array, " n"]
+    v: Float[Array, " n"]
+    face: Int[Array, " n"]
+    point: tuple[Float[Array, " n"], ...]
+    direction: tuple[Float[Array, " n"], ...]
+    towards: Float[Array, " n"]
+    wide: Float[Array, " n"]
 
 
 @jax.jit
-def _trace(faces: Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: float) -> _Place:
+def _trace(
+    faces: Faces,
+    R_nc: Matrix3,
+    eye: Vector3,
+    o: Float[Array, "3 n"],
+    d: Float[Array, "3 n"],
+    pixel: ScalarLike,
+) -> _Place:
     zero = jnp.zeros_like(d[0])
 
-    def nearer(k: Array, best: Any) -> Any:
+    def nearer(k: Index, best: Any) -> Any:
         n, corner, a, b = faces.normal[k], faces.corner[k], faces.right[k], faces.up[k]
         towards = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
         q = [corner[i] - o[i] for i in range(3)]
@@ -174,7 +194,9 @@ def _trace(faces: Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: flo
 
 
 @jax.jit
-def _noises(faces: Faces, light: _Light, place: _Place) -> tuple[Array, Array, Array]:
+def _noises(
+    faces: Faces, light: _Light, place: _Place
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
     face = jnp.maximum(place.face, 0)
     u, v = faces.origin[face, 0] + place.u, faces.origin[face, 1] + place.v
     rough = mottled(u, v, place.wide, faces.material[face, 7])
@@ -182,14 +204,19 @@ def _noises(faces: Faces, light: _Light, place: _Place) -> tuple[Array, Array, A
 
 
 @jax.jit
-def _lines(place: _Place, bent: Array) -> Array:
+def _lines(place: _Place, bent: Float[Array, " n"]) -> Float[Array, " n"]:
     return net(place.point, bent, place.wide)
 
 
 @jax.jit
 def _colours(
-    faces: Faces, light: _Light, place: _Place, rough: Array, lines: Array, rippled: Array
-) -> tuple[Array, Array, Array]:
+    faces: Faces,
+    light: _Light,
+    place: _Place,
+    rough: Float[Array, " n"],
+    lines: Float[Array, " n"],
+    rippled: Float[Array, " n"],
+) -> tuple[Float[Array, "n 3"], Float[Array, " n"], Int[Array, " n"]]:
     none, face = place.face < 0, jnp.maximum(place.face, 0)
     u, v = place.u, place.v
     material = [faces.material[face, i] for i in range(faces.material.shape[1])]
@@ -221,11 +248,11 @@ def _colours(
     return colour, jnp.where(none, jnp.inf, place.way), 2 * place.face + bit.astype(jnp.int32)
 
 
-def _turned(R: Array, p: Any) -> list[Array]:
+def _turned(R: Matrix3, p: Any) -> list[Float[Array, " *n"]]:
     return [R[i, 0] * p[0] + R[i, 1] * p[1] + R[i, 2] * p[2] for i in range(3)]
 
 
-def _corner(faces: Faces, face: Array, u: Array, v: Array) -> Array:
+def _corner(faces: Faces, face: Int[Array, " n"], u: Float[Array, " n"], v: Float[Array, " n"]) -> Float[Array, " n"]:
     """How much light reaches a place on a wall or a floor: less towards the edges that others adjoin."""
     size = faces.size[face]
     indoor = faces.indoor[face]  # bit 1: left and right, 2: below, 4: above

@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.physics.camera import Lens, Port, lens_from, project, ray
@@ -21,13 +22,13 @@ class Rays:
         point_along: The same of the point, or None.
     """
 
-    def __init__(self, point: np.ndarray, direction: np.ndarray):
+    def __init__(self, point: Float[np.ndarray, "_ _ 3"], direction: Float[np.ndarray, "H W 3"]):
         self.point, self.direction = point, direction
         self.along = _slope(direction, 1), _slope(direction, 0)
         self.point_along = None if point.shape[0] == 1 else (_slope(point, 1), _slope(point, 0))
 
 
-def _slope(field: np.ndarray, axis: int) -> np.ndarray:
+def _slope(field: Float[np.ndarray, "H W 3"], axis: int) -> Float[np.ndarray, "H W 3"]:
     """Change per pixel along columns (axis 1) or rows (axis 0)."""
     return np.gradient(field, axis=axis).astype(np.float32) if min(field.shape[:2]) > 1 else np.zeros_like(field)
 
@@ -46,7 +47,7 @@ def _rays(numbers: tuple[float, ...], size: tuple[int, int], port: tuple[float, 
     lens = lens_from(numbers[:2], numbers[2:4], size, numbers[4:], None if port is None else Port.of(*port))
     width, height = size
 
-    def there_and_back(pixels: Array) -> tuple[Array, Array]:
+    def there_and_back(pixels: Float[Array, "rows W 2"]) -> tuple[Float[Array, "rows W 3"], Float[Array, "rows W 3"]]:
         point, direction = ray(lens, pixels)
         back = project(lens, point + direction)
         true = jnp.all(jnp.abs(back - pixels) < _OFF, axis=-1, keepdims=True)

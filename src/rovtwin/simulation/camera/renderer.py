@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.simulation.camera.image import moved, noisy, toned
@@ -13,7 +14,7 @@ from rovtwin.simulation.scene.scene import Scene
 from rovtwin.vehicle.description.cameras import Camera
 
 Kind = Literal["auto", "raycast", "gl"]
-_Draw = Callable[[Lighting, np.ndarray], tuple[np.ndarray, np.ndarray]]
+_Draw = Callable[[Lighting, Float[np.ndarray, "3 3"]], tuple[Float[np.ndarray, "H W 3"], Float[np.ndarray, "H W"]]]
 _HIGHEST = 0.02  # a camera above the water sees what it would see this far below its surface [m]
 _SHIFT = 1.5  # between the shifted pictures of a blur, at most [px]
 _SHIFTS = (3, 9)
@@ -39,13 +40,15 @@ class Renderer:
             )
         self.kind, self._draw = _backend(scene, camera, self.rays, kind)
 
-    def image(self, position: object, R_nb: object, velocity: object = None, seed: int | None = None) -> np.ndarray:
-        """The picture, RGB, uint8, shape (H, W, 3).
+    def image(
+        self, position: object, R_nb: object, velocity: object = None, seed: int | None = None
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """The picture, RGB, uint8.
 
         Args:
-            position: CO of the vehicle in n [m], shape (3,).
-            R_nb: Its attitude, shape (3, 3).
-            velocity: nu in b at CO [m/s, rad/s], shape (6,), or its first three: blurs by motion. None: none.
+            position: CO of the vehicle in n [m].
+            R_nb: Its attitude.
+            velocity: nu in b at CO [m/s, rad/s], or its first three: blurs by motion. None: none.
             seed: Of the noise; None: none.
         """
         position, R_nb = np.asarray(position, float), np.asarray(R_nb, float)
@@ -55,14 +58,18 @@ class Renderer:
         image = toned(colour)
         return image if seed is None else noisy(image, self.noise, seed)
 
-    def brightness(self, position: np.ndarray, R_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Linear, 1 is full scale, shape (H, W, 3), and the way through the water to what is seen [m], (H, W)."""
+    def brightness(
+        self, position: Float[np.ndarray, "3"], R_nb: Float[np.ndarray, "3 3"]
+    ) -> tuple[Float[np.ndarray, "H W 3"], Float[np.ndarray, "H W"]]:
+        """Linear, 1 is full scale, and the way through the water to what is seen [m]."""
         eye = position + R_nb @ self.camera.position
         eye[2] = max(eye[2], _HIGHEST)
         light = lighting(self.scene, position, R_nb, eye)
         return self._draw(light, R_nb @ self.camera.R_bc)
 
-    def _blurred(self, colour: np.ndarray, way: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    def _blurred(
+        self, colour: Float[np.ndarray, "H W 3"], way: Float[np.ndarray, "H W"], velocity: Float[np.ndarray, " _"]
+    ) -> Float[np.ndarray, "H W 3"]:
         flow = self.exposure * image_flow(self.rays, self.camera, way, velocity)
         most = float(np.quantile(np.linalg.norm(flow[::8, ::8], axis=-1), 0.98))
         if most < 0.3:
@@ -70,14 +77,16 @@ class Renderer:
         return moved(flow, colour, int(np.clip(np.ceil(most / _SHIFT), *_SHIFTS)) | 1)
 
 
-def image_flow(rays: Rays, camera: Camera, way: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """How fast what a pixel shows moves through the picture [px/s], shape (H, W, 2), of a still scene.
+def image_flow(
+    rays: Rays, camera: Camera, way: Float[np.ndarray, "H W"], velocity: Float[np.ndarray, " _"]
+) -> Float[np.ndarray, "H W 2"]:
+    """How fast what a pixel shows moves through the picture [px/s] of a still scene.
 
     Args:
         rays: Of the camera's lens.
         camera: Where it sits.
-        way: To what is seen [m], shape (H, W).
-        velocity: nu in b at CO, shape (3,) or (6,).
+        way: To what is seen [m].
+        velocity: nu in b at CO, or its first three.
     """
     nu = np.zeros(6)
     nu[: len(velocity)] = velocity

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float, Int
 from pydantic import Field
 
 from rovtwin.core.errors import ConfigError
@@ -40,14 +41,14 @@ class Frames:
     """The pictures of a run.
 
     Attributes:
-        taken: When each is taken, the middle of its exposure [s], shape (n,), increasing.
-        delivered: When it arrives [s], shape (n,), non-decreasing: what is held up comes together with the next.
-        number: Of the picture, counted with those that are lost, shape (n,): also the seed of its noise.
+        taken: When each is taken, the middle of its exposure [s], increasing.
+        delivered: When it arrives [s], non-decreasing: what is held up comes together with the next.
+        number: Of the picture, counted with those that are lost: also the seed of its noise.
     """
 
-    taken: np.ndarray
-    delivered: np.ndarray
-    number: np.ndarray
+    taken: Float[np.ndarray, " n"]
+    delivered: Float[np.ndarray, " n"]
+    number: Int[np.ndarray, " n"]
 
 
 def frames(section: CameraSection, duration: float, seed: int = 0) -> Frames:

@@ -6,6 +6,8 @@ for the idea of a hashed lattice; the hash mixes as in Appleby's MurmurHash3 (20
 
 from typing import Any
 
+from jaxtyping import Float, Int
+
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.simulation.camera.lighting import MIRROR, STEPS, SUN
 
@@ -14,7 +16,7 @@ NET = 0.42  # mesh of the caustics [m]
 GLOW_REACH = 6.0  # to which a lamp's glow counts [m]
 
 
-def _hash(x: Array, y: Array, seed: int) -> Array:
+def _hash(x: Int[Array, "*n"], y: Int[Array, "*n"], seed: int) -> Float[Array, "*n"]:
     """In [0, 1) of a lattice point, float32."""
     h = x.astype(jnp.uint32) * jnp.uint32(0x9E3779B1) ^ y.astype(jnp.uint32) * jnp.uint32(0x85EBCA77)
     h = h ^ jnp.uint32(seed * 0x27D4EB2F & 0xFFFFFFFF)
@@ -24,7 +26,7 @@ def _hash(x: Array, y: Array, seed: int) -> Array:
     return (h >> 8).astype(jnp.float32) * jnp.float32(1.0 / 16777216.0)
 
 
-def noise(u: Array, v: Array, seed: int) -> Array:
+def noise(u: Float[Array, "*n"], v: Float[Array, "*n"], seed: int) -> Float[Array, "*n"]:
     """Smooth, between -1 and 1, with features of length 1."""
     fu, fv = jnp.floor(u), jnp.floor(v)
     i, j, a, b = fu.astype(jnp.int32), fv.astype(jnp.int32), u - fu, v - fv
@@ -34,12 +36,14 @@ def noise(u: Array, v: Array, seed: int) -> Array:
     return 2 * (low * (1 - b) + high * b) - 1
 
 
-def fade(wide: Array, length: Array | float) -> Array:
+def fade(wide: Float[Array, "*n"], length: Float[Array, "*n"] | float) -> Float[Array, "*n"]:
     """1 for features much longer than a pixel is wide, 0 for shorter ones."""
     return jnp.clip(1.5 - 2.0 * wide / length, 0.0, 1.0)
 
 
-def mottled(u: Array, v: Array, wide: Array, grain: Array) -> Array:
+def mottled(
+    u: Float[Array, "*n"], v: Float[Array, "*n"], wide: Float[Array, "*n"], grain: Float[Array, "*n"]
+) -> Float[Array, "*n"]:
     """Noise of three octaves from the length `grain` [m] down, features finer than a pixel left out."""
     total = jnp.zeros_like(u)
     for octave in range(OCTAVES):
@@ -48,11 +52,13 @@ def mottled(u: Array, v: Array, wide: Array, grain: Array) -> Array:
     return total
 
 
-def joints(x: Array, wide: Array, tile: Array, joint: Array) -> Array:
+def joints(
+    x: Float[Array, "*n"], wide: Float[Array, "*n"], tile: Float[Array, "*n"], joint: Float[Array, "*n"]
+) -> Float[Array, "*n"]:
     """Share of a pixel that joints cover along one axis: exact for a pixel `wide` across."""
     wide = jnp.maximum(wide, 1e-6)
 
-    def covered(at: Array) -> Array:  # length of joint before `at`
+    def covered(at: Float[Array, "*n"]) -> Float[Array, "*n"]:  # length of joint before `at`
         whole = jnp.floor(at / tile)
         return whole * joint + jnp.minimum(at - whole * tile, joint)
 
@@ -60,7 +66,9 @@ def joints(x: Array, wide: Array, tile: Array, joint: Array) -> Array:
     return (covered(start + wide) - covered(start)) / wide
 
 
-def albedo(m: Any, u: Array, v: Array, wide: Array, rough: Array) -> list[Array]:
+def albedo(
+    m: Any, u: Float[Array, "*n"], v: Float[Array, "*n"], wide: Float[Array, "*n"], rough: Float[Array, "*n"]
+) -> list[Float[Array, "*n"]]:
     """Reflectance in three bands of a material (11 numbers, arrays) at texture coordinates [m].
 
     `rough` is its `mottled`.
@@ -75,13 +83,13 @@ def albedo(m: Any, u: Array, v: Array, wide: Array, rough: Array) -> list[Array]
     return [(m[i] * (1 - second) + m[3 + i] * second) * gain for i in range(3)]
 
 
-def bend(point: Any) -> Array:
+def bend(point: Any) -> Float[Array, "*n"]:
     """What bends the lines of the net of light, from points in n [m]."""
     u, v = _on_net(point)
     return noise(0.7 * u + 5.0, 0.7 * v, 11)
 
 
-def net(point: Any, bent: Array, wide: Array) -> Array:
+def net(point: Any, bent: Float[Array, "*n"], wide: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The net of light below a moving surface: mean about 0, bright lines up to about 3."""
     u, v = _on_net(point)
     one, two = noise(u + bent, v, 12), noise(1.3 * u, 1.3 * v + bent, 13)
@@ -90,12 +98,12 @@ def net(point: Any, bent: Array, wide: Array) -> Array:
     return fade(wide, NET) * jnp.exp(-jnp.abs(point[2]) / 3.0) * (4.0 * ridge * ridge - 0.4)
 
 
-def _on_net(point: Any) -> tuple[Array, Array]:
+def _on_net(point: Any) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     z = jnp.abs(point[2])  # light comes in aslant
     return (point[0] + SUN[0] / SUN[2] * -z) / NET, (point[1] + SUN[1] / SUN[2] * -z) / NET
 
 
-def ripple(light: Any, point: Any, sees: Any, wide: Array) -> Array:
+def ripple(light: Any, point: Any, sees: Any, wide: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """What ripples do to what the surface mirrors, about -1 to 1, for points above the surface (mirrored ones)."""
     share = _share(light, point)
     x, y = (light.eye[i] + share * (point[i] - light.eye[i]) for i in range(2))
@@ -104,12 +112,12 @@ def ripple(light: Any, point: Any, sees: Any, wide: Array) -> Array:
     return both * fade(share * wide / jnp.maximum(jnp.abs(sees[2]), 0.02), 0.5)
 
 
-def _share(light: Any, point: Any) -> Array:
+def _share(light: Any, point: Any) -> Float[Array, "*n"]:
     """Of the way to a mirrored point that lies before the surface."""
     return jnp.where(point[2] < 0, light.eye[2] / jnp.maximum(light.eye[2] - point[2], 1e-6), 1.0)
 
 
-def shade(light: Any, hit: Any) -> list[Array]:
+def shade(light: Any, hit: Any) -> list[Float[Array, "*n"]]:
     """Brightness in three bands, of which 1 is full scale.
 
     Args:
@@ -139,7 +147,7 @@ def shade(light: Any, hit: Any) -> list[Array]:
     return result
 
 
-def _lamplight(light: Any, hit: Any) -> Array:
+def _lamplight(light: Any, hit: Any) -> Float[Array, "*n"]:
     """Light of the lamps on a surface; what the water takes on the lamp's way is taken as on the camera's."""
     total = jnp.zeros_like(hit["way"])
     for k in range(light.lamps.shape[0]):
@@ -153,7 +161,7 @@ def _lamplight(light: Any, hit: Any) -> Array:
     return total
 
 
-def _glow(light: Any, hit: Any) -> list[Array]:
+def _glow(light: Any, hit: Any) -> list[Float[Array, "*n"]]:
     """What the water scatters back of the lamps along a ray, over the coefficient: a sum over a few steps."""
     reach = jnp.where(hit["none"], GLOW_REACH, jnp.minimum(hit["way"], GLOW_REACH))
     total = [jnp.zeros_like(reach) for _ in range(3)]

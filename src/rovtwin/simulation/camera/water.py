@@ -12,6 +12,7 @@ Backscattering Petzold (1972), SIO Ref. 72-78: about 1.8 % of b.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.simulation.scene.schema import Water
 
@@ -39,15 +40,15 @@ _SCATTERING = 5.0
 
 @dataclass(frozen=True)
 class Optics:
-    """Of a water, bands red, green, blue, shapes (3,) [1/m].
+    """Of a water, bands red, green, blue [1/m].
 
     Attributes:
         absorption: a.
         scattering: b.
     """
 
-    absorption: np.ndarray
-    scattering: np.ndarray
+    absorption: Float[np.ndarray, "3"]
+    scattering: Float[np.ndarray, "3"]
 
     @classmethod
     def of(cls, water: Water) -> "Optics":
@@ -65,18 +66,18 @@ class Optics:
         return cls(a, b)
 
     @property
-    def beam(self) -> np.ndarray:
+    def beam(self) -> Float[np.ndarray, "3"]:
         """C = a + b: what a beam of light loses."""
         return self.absorption + self.scattering
 
     @property
-    def diffuse(self) -> np.ndarray:
+    def diffuse(self) -> Float[np.ndarray, "3"]:
         """K: what light from above loses with depth."""
         a, b = self.absorption, self.scattering
         return np.sqrt(a**2 + _KIRK * a * b)
 
     @property
-    def veil(self) -> np.ndarray:
+    def veil(self) -> Float[np.ndarray, "3"]:
         """Brightness of endless water seen horizontally, over that of a white surface that faces the light.
 
         Half of what isotropic scattering of all light would give, as light comes mostly from above and is scattered

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.simulation.scene.shapes import cylinder, grid_triangles, mesh_from_file, placed
 from rovtwin.simulation.scene.surfaces import Material, Mesh, linear
@@ -13,8 +14,10 @@ from rovtwin.vehicle.solids.placement import SIGNS, Placement
 _BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of SIGNS
 
 
-def vehicle_meshes(vehicle: Vehicle, position: np.ndarray, R_nb: np.ndarray) -> tuple[Mesh, ...]:
-    """The vehicle with CO at a position in n [m], shape (3,), and attitude R_nb, shape (3, 3)."""
+def vehicle_meshes(
+    vehicle: Vehicle, position: Float[np.ndarray, "3"], R_nb: Float[np.ndarray, "3 3"]
+) -> tuple[Mesh, ...]:
+    """The vehicle with CO at a position in n [m], and attitude R_nb."""
     there = Placement(np.asarray(position, float), np.asarray(R_nb, float))
     return tuple(_mesh(piece, piece.placement.after(there), vehicle.where) for piece in pieces_of(vehicle))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from pydantic import ValidationError
 
 from rovtwin.core.errors import ConfigError
@@ -99,7 +100,7 @@ class Scene:
         return found
 
     @property
-    def _prints(self) -> list[np.ndarray]:
+    def _prints(self) -> list[UInt8[np.ndarray, "cells cells"]]:
         """Black and white of the markers with their white rims, rows from the top, 1 is white."""
         white = [~pattern(self.layout.dictionary, marker.id) for marker in self.layout.markers]
         return [np.pad(cells.astype(np.uint8), QUIET, constant_values=1) for cells in white]
@@ -118,7 +119,9 @@ class Scene:
             found.append(upright.model_copy(update={"roll_deg": float((roll + 180.0) % 360.0 - 180.0)}))
         return found
 
-    def _face(self, on: schema.OnFace) -> tuple[np.ndarray, np.ndarray, np.ndarray, Placement]:
+    def _face(
+        self, on: schema.OnFace
+    ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"], Placement]:
         if on.object == "tank":
             if self.file.tank is None:
                 raise ConfigError(f"{self.where}: markers.on_faces: found object 'tank', but the scene has none")
@@ -135,7 +138,7 @@ class Scene:
         return *side(np.array(item.box), on.face), Placement.of(item.pose.position, item.pose.attitude_deg)
 
 
-def _board(marker: Marker, bits: np.ndarray) -> Rectangle:
+def _board(marker: Marker, bits: UInt8[np.ndarray, "cells cells"]) -> Rectangle:
     """The print of a marker with its white rim; its back is white."""
     R, size = marker.R_nm, marker.size * len(bits) / (len(bits) - 2 * QUIET)
     right, up = size * R[:, 0], size * R[:, 1]
@@ -143,7 +146,7 @@ def _board(marker: Marker, bits: np.ndarray) -> Rectangle:
     return Rectangle(corner, right, up, Material(_WHITE, _BLACK), both=True, print=bits)
 
 
-def _tank_size(tank: schema.Tank) -> np.ndarray:
+def _tank_size(tank: schema.Tank) -> Float[np.ndarray, "3"]:
     return np.array([tank.length, tank.width, tank.depth])
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.simulation.scene.schema import Relief, Wreck
@@ -14,7 +15,12 @@ _AROUND = 48  # sides of a cylinder
 
 
 def placed(
-    vertices: np.ndarray, triangles: np.ndarray, place: Placement, material: Material, name: str, smooth: bool
+    vertices: Float[np.ndarray, "n 3"],
+    triangles: Int[np.ndarray, "m 3"],
+    place: Placement,
+    material: Material,
+    name: str,
+    smooth: bool,
 ) -> Mesh:
     """A mesh of vertices given in a frame at `place`; normals are those of the faces, or smooth ones at vertices."""
     at = place.position + vertices @ place.rotation.T
@@ -29,8 +35,8 @@ def placed(
     return Mesh(at, normals, triangles, material, name)
 
 
-def grid_triangles(rows: int, columns: int) -> np.ndarray:
-    """Two triangles for each cell of a grid of vertices, shape (2 (rows - 1)(columns - 1), 3)."""
+def grid_triangles(rows: int, columns: int) -> Int[np.ndarray, "m 3"]:
+    """Two triangles for each cell of a grid of vertices."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (x.ravel() for x in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
@@ -122,7 +128,7 @@ def wreck(given: Wreck, place: Placement, material: Material, name: str = "") ->
     return placed(vertices, joined, place, material, name, smooth=False)
 
 
-def _rib(x: float, half: float, sheer: float) -> tuple[np.ndarray, np.ndarray]:
+def _rib(x: float, half: float, sheer: float) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """A frame inside the hull, 6 cm wide and 8 cm deep."""
     girth = np.linspace(-1.0, 1.0, 25)
     outer = np.column_stack([np.sign(girth) * np.abs(girth) ** 0.75 * half, -sheer * np.abs(girth) ** 2.2])
@@ -132,7 +138,7 @@ def _rib(x: float, half: float, sheer: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(strips), grid_triangles(4, 25)
 
 
-def _thwart(x: float, half: float, height: float) -> tuple[np.ndarray, np.ndarray]:
+def _thwart(x: float, half: float, height: float) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """A plank across."""
     corners = np.array([[sx, sy, sz] for sx in (-0.12, 0.12) for sy in (-1, 1) for sz in (-0.02, 0.02)])
     vertices = corners * [1.0, half, 1.0] + [x, 0.0, -height]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
 from rovtwin.simulation.scene.schema import Surface
 from rovtwin.vehicle.solids.placement import Placement
@@ -12,7 +13,7 @@ QUIET = 1  # cells of white around a marker's black border, so that it is found 
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface looks; colours are linear reflectances, shapes (3,).
+    """How a surface looks; colours are linear reflectances.
 
     albedo = mix(colour, second, joints and patches) x (1 + mottle x noise)
 
@@ -26,8 +27,8 @@ class Material:
         patches: Share of the noise that changes the colour to `second`.
     """
 
-    colour: np.ndarray
-    second: np.ndarray
+    colour: Float[np.ndarray, "3"]
+    second: Float[np.ndarray, "3"]
     mottle: float = 0.0
     grain: float = 1.0
     tile: float = 0.0
@@ -49,13 +50,13 @@ class Material:
         return cls(colour, colour, 0.06, 0.5)
 
     @property
-    def numbers(self) -> np.ndarray:
-        """All of it, shape (11,), as shaders take it."""
+    def numbers(self) -> Float[np.ndarray, "11"]:
+        """All of it, as shaders take it."""
         rest = [self.mottle, self.grain, self.tile, self.joint, self.patches]
         return np.concatenate([self.colour, self.second, rest])
 
 
-def linear(srgb: np.ndarray) -> np.ndarray:
+def linear(srgb: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
     """Reflectance of an sRGB colour of shares 0 to 1. IEC 61966-2-1."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
@@ -65,34 +66,34 @@ class Rectangle:
     """A flat rectangle, seen from the side to which `right` x `up` points, or from both.
 
     Attributes:
-        corner: Bottom left for who looks at it, n [m], shape (3,).
-        right: Its lower edge [m], shape (3,).
-        up: Its left edge, at a right angle to it [m], shape (3,).
+        corner: Bottom left for who looks at it, n [m].
+        right: Its lower edge [m].
+        up: Its left edge, at a right angle to it [m].
         material: How it looks.
-        origin: Texture coordinates of the corner [m], shape (2,).
+        origin: Texture coordinates of the corner [m].
         both: Whether its back is seen too.
         print: Cells of a marker, 1 white, rows from the top, or None.
         indoor: Edges at which another wall or the floor shuts off light: 1 left and right, 2 below, 4 above, added.
     """
 
-    corner: np.ndarray
-    right: np.ndarray
-    up: np.ndarray
+    corner: Float[np.ndarray, "3"]
+    right: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]
     material: Material
     origin: tuple[float, float] = (0.0, 0.0)
     both: bool = False
-    print: np.ndarray | None = None
+    print: UInt8[np.ndarray, "cells cells"] | None = None
     indoor: int = 0
 
     @property
-    def normal(self) -> np.ndarray:
-        """Towards who looks at it, shape (3,)."""
+    def normal(self) -> Float[np.ndarray, "3"]:
+        """Towards who looks at it."""
         n = np.cross(self.right, self.up)
         return n / np.linalg.norm(n)
 
     @property
-    def corners(self) -> np.ndarray:
-        """Counter-clockwise for who looks at it, from the bottom left, n [m], shape (4, 3)."""
+    def corners(self) -> Float[np.ndarray, "4 3"]:
+        """Counter-clockwise for who looks at it, from the bottom left, n [m]."""
         return self.corner + np.array([0 * self.right, self.right, self.right + self.up, self.up])
 
 
@@ -101,16 +102,16 @@ class Mesh:
     """Triangles in n.
 
     Attributes:
-        vertices: [m], shape (n, 3).
-        normals: Outwards, shape (n, 3).
-        triangles: Indices, shape (m, 3).
+        vertices: [m].
+        normals: Outwards.
+        triangles: Indices.
         material: How it looks.
         name: For messages.
     """
 
-    vertices: np.ndarray
-    normals: np.ndarray
-    triangles: np.ndarray
+    vertices: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
     material: Material
     name: str = ""
 
@@ -127,11 +128,13 @@ SIDES: dict[str, tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, in
 OPPOSITE = {"north": "south", "south": "north", "east": "west", "west": "east", "top": "bottom", "bottom": "top"}
 
 
-def side(size: np.ndarray, name: str, inside: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle of a side of a box at the origin, and its edges to the right and up for who looks at it, shapes (3,).
+def side(
+    size: Float[np.ndarray, "3"], name: str, inside: bool = False
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Middle of a side of a box at the origin, and its edges to the right and up for who looks at it.
 
     Args:
-        size: Of the box [m], shape (3,).
+        size: Of the box [m].
         name: Of the side.
         inside: Seen from within, as the wall of a tank: its north wall looks south.
     """
@@ -141,9 +144,9 @@ def side(size: np.ndarray, name: str, inside: bool = False) -> tuple[np.ndarray,
 
 
 def rectangle(
-    middle: np.ndarray,
-    right: np.ndarray,
-    up: np.ndarray,
+    middle: Float[np.ndarray, "3"],
+    right: Float[np.ndarray, "3"],
+    up: Float[np.ndarray, "3"],
     place: Placement,
     material: Material,
     both: bool = False,

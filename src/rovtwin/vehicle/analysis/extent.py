@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.description import schema
 from rovtwin.vehicle.description.totals.added_mass import Solid
@@ -10,8 +11,8 @@ from rovtwin.vehicle.description.totals.assembly import Assembly
 from rovtwin.vehicle.solids.placement import HERE, Placement
 
 
-def bounding_box(body: schema.Body) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lowest and highest corner in b [m], shapes (3,) and (3,), of all shapes; None where no part has one."""
+def bounding_box(body: schema.Body) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None:
+    """Lowest and highest corner in b [m] of all shapes; None where no part has one."""
     found = [_extent(solid, placement) for solid, placement in _solids(body, HERE)]
     if not found:
         return None
@@ -19,7 +20,7 @@ def bounding_box(body: schema.Body) -> tuple[np.ndarray, np.ndarray] | None:
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
-def around_thrusters(total: Assembly) -> tuple[np.ndarray, np.ndarray] | None:
+def around_thrusters(total: Assembly) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None:
     """The same box of the places of all thrusters, which is flat where they are level; None without thrusters."""
     found = [(one.placement, one.item) for one in total.thrusters if isinstance(one.item, schema.Thruster)]
     if not found:
@@ -36,7 +37,7 @@ def _solids(body: schema.Body, placement: Placement) -> Iterator[tuple[Solid, Pl
         yield from _solids(part, Placement.of(part.pose.position, part.pose.attitude_deg).after(placement))
 
 
-def _extent(solid: Solid, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+def _extent(solid: Solid, placement: Placement) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Exact for each kind of solid, whatever its attitude."""
     R, half = placement.rotation, solid.size / 2
     if solid.mesh is not None:

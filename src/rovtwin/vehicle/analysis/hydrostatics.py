@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.description.totals.assembly import Assembly
@@ -16,18 +17,18 @@ class Floating:
     Attributes:
         net_buoyancy: B - W, positive floats [N].
         metacentric_height: BG, how far CB is above CG along z [m].
-        stiffness: Righting moment per angle about level, roll and pitch [N m/rad], shape (2,).
-        trim: Roll and pitch at which no moment about CO is left [rad], shape (2,); NaN where there is none anyway.
+        stiffness: Righting moment per angle about level, roll and pitch [N m/rad].
+        trim: Roll and pitch at which no moment about CO is left [rad]; NaN where there is none anyway.
     """
 
     net_buoyancy: float
     metacentric_height: float
-    stiffness: np.ndarray
-    trim: np.ndarray
+    stiffness: Float[np.ndarray, "2"]
+    trim: Float[np.ndarray, "2"]
 
 
-def floating(weight: float, buoyancy: float, r_g: np.ndarray, r_b: np.ndarray) -> Floating:
-    """Of weight W and buoyancy B [N] at r_g and r_b [m], shapes (3,), seen from CO."""
+def floating(weight: float, buoyancy: float, r_g: Float[np.ndarray, "3"], r_b: Float[np.ndarray, "3"]) -> Floating:
+    """Of weight W and buoyancy B [N] at r_g and r_b [m], seen from CO."""
     lever = restoring_lever(weight, buoyancy, r_g, r_b)
     size = float(np.linalg.norm(lever))
     # At rest the lever points down, as a plumb line does.

@@ -11,6 +11,7 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.vehicle.description.schema import Body, Part
 from rovtwin.vehicle.description.totals.added_mass import Solid
@@ -163,15 +164,15 @@ def _twice(small: Piece, large: Piece, share: float) -> str:
     return ", ".join(words[:-1]) + (" and " if len(words) > 1 else "") + words[-1] if words else ""
 
 
-def _points(piece: Piece, line: np.ndarray) -> np.ndarray:
-    """Points of a solid, b [m], shape (n, 3), on a grid in the box around it with lines at shares of its size."""
+def _points(piece: Piece, line: Float[np.ndarray, " _"]) -> Float[np.ndarray, "n 3"]:
+    """Points of a solid, b [m], on a grid in the box around it with lines at shares of its size."""
     grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3) * piece.solid.size
     grid = grid[_holds(piece.solid, grid, 1e-9)]
     return piece.placement.position + grid @ piece.placement.rotation.T
 
 
-def _inside(points: np.ndarray, others: Sequence[Piece]) -> np.ndarray:
-    """Which points in b lie in one of some solids, by more than touching, shape (n,)."""
+def _inside(points: Float[np.ndarray, "n 3"], others: Sequence[Piece]) -> Bool[np.ndarray, " n"]:
+    """Which points in b lie in one of some solids, by more than touching."""
     found = np.zeros(len(points), bool)
     for other in others:
         local = (points - other.placement.position) @ other.placement.rotation
@@ -181,8 +182,8 @@ def _inside(points: np.ndarray, others: Sequence[Piece]) -> np.ndarray:
     return found
 
 
-def _holds(solid: Solid, local: np.ndarray, slack: float) -> np.ndarray:
-    """Which points, in the solid's own axes from the middle of its box, lie in it, widened by a slack [m], (n,)."""
+def _holds(solid: Solid, local: Float[np.ndarray, "n 3"], slack: float) -> Bool[np.ndarray, " n"]:
+    """Which points, in the solid's own axes from the middle of its box, lie in it, widened by a slack [m]."""
     scaled = np.abs(local) / (0.5 * solid.size + slack)
     if solid.mesh is not None:
         return _wound(solid.mesh, local)
@@ -193,8 +194,8 @@ def _holds(solid: Solid, local: np.ndarray, slack: float) -> np.ndarray:
     return (scaled[:, 0] <= 1.0) & (np.sum(scaled[:, 1:] ** 2, axis=1) <= 1.0)
 
 
-def _wound(mesh: MeshSolid, points: np.ndarray) -> np.ndarray:
-    """Which points, (n, 3), a closed mesh goes around, to a 64th of its box across, (n,)."""
+def _wound(mesh: MeshSolid, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Which points a closed mesh goes around, to a 64th of its box across."""
     column = np.clip(((points[:, :2] / mesh.size[:2] + 0.5) * _COLUMNS).astype(int), 0, _COLUMNS - 1)
     heights, signs = _crossings(mesh)
     heights, signs = heights[column[:, 0], column[:, 1]], signs[column[:, 0], column[:, 1]]
@@ -202,8 +203,8 @@ def _wound(mesh: MeshSolid, points: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _crossings(mesh: MeshSolid) -> tuple[np.ndarray, np.ndarray]:
-    """Where upright lines through the middles of columns cross a mesh [m], and the sense, shapes (64, 64, k)."""
+def _crossings(mesh: MeshSolid) -> tuple[Float[np.ndarray, "64 64 k"], Float[np.ndarray, "64 64 k"]]:
+    """Where upright lines through the middles of columns cross a mesh [m], and the sense."""
     corners = mesh.vertices[mesh.faces]  # (m, 3, 3)
     low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
     middles = (np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5
@@ -224,12 +225,12 @@ def _crossings(mesh: MeshSolid) -> tuple[np.ndarray, np.ndarray]:
     return heights, signs
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _cross(a: Float[np.ndarray, "n _"], b: Float[np.ndarray, "n _"]) -> Float[np.ndarray, " n"]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _way_out(own: Sequence[Piece], others: Sequence[Piece]) -> np.ndarray:
-    """Least way along an axis of b that takes some solids out of others, to the millimetre above, b [m], shape (3,)."""
+def _way_out(own: Sequence[Piece], others: Sequence[Piece]) -> Float[np.ndarray, "3"]:
+    """Least way along an axis of b that takes some solids out of others, to the millimetre above, b [m]."""
     points = np.concatenate([_points(piece, _FACES) for piece in own])
     corners = np.concatenate([_points(piece, _FACES) for piece in others])
     best, least = np.zeros(3), np.inf

@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import jax
 from rovtwin.vehicle.analysis.stability import steady_speed
@@ -82,7 +83,7 @@ def _ability(model: Model, axis: int, sign: float, constant: float) -> AxisPerfo
         rest = 0.0 if speed == 0 else np.nan
         return AxisPerformance(force, speed, rest, rest, rest, rest)
 
-    def run(command: np.ndarray, until: float) -> tuple[float, float]:
+    def run(command: Float[np.ndarray, " n"], until: float) -> tuple[float, float]:
         thrust = _thrust(model, lever, most, command)
         if _settles_at(model, axis, sign, float(lever @ command) + constant) >= until:
             return np.nan, np.nan
@@ -91,8 +92,8 @@ def _ability(model: Model, axis: int, sign: float, constant: float) -> AxisPerfo
     return AxisPerformance(force, speed, *run(least, 0.0), *run(np.zeros_like(most), COASTED * speed))
 
 
-def _forces(model: Model, command: np.ndarray) -> np.ndarray:
-    """Steady force of each thruster at a command [N], shape (n,)."""
+def _forces(model: Model, command: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Steady force of each thruster at a command [N]."""
     return np.asarray(_static_force(model.thrusters, np.asarray(command, dtype=float)), dtype=float)
 
 
@@ -104,7 +105,9 @@ def _settles_at(model: Model, axis: int, sign: float, force: float) -> float:
     return steady_speed(model, axis, sign * force) if force >= 0 else -np.inf
 
 
-def _thrust(model: Model, lever: np.ndarray, start: np.ndarray, target: np.ndarray) -> Callable[[float], float]:
+def _thrust(
+    model: Model, lever: Float[np.ndarray, " n"], start: Float[np.ndarray, " n"], target: Float[np.ndarray, " n"]
+) -> Callable[[float], float]:
     """Thrust along the axis [N] over time [s], from steady forces towards others: what `thrusters.lag` does in steps.
 
     A thruster first ramps at its rate limit, as long as its lag would ask for more, then closes in exponentially.

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
+from rovtwin.core.types import Scalar
 from rovtwin.vehicle.analysis.hydrostatics import floating
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits, wrench_of_forces
 from rovtwin.vehicle.physics.dynamics import acceleration, speed_of_drag
@@ -36,18 +38,18 @@ class Hydrostatics:
     """How the vehicle rests in still water, thrusters off.
 
     Attributes:
-        stiffness: Righting moment per angle about level, roll and pitch [N m/rad], shape (2,).
+        stiffness: Righting moment per angle about level, roll and pitch [N m/rad].
         metacentric_height: BG, how far CB is above CG along z [m].
-        trim: Roll and pitch at which it comes to rest [rad], shape (2,); NaN where weight and buoyancy give no moment.
+        trim: Roll and pitch at which it comes to rest [rad]; NaN where weight and buoyancy give no moment.
         net_buoyancy: B - W, positive floats [N].
-        periods: Undamped natural periods in roll and pitch [s], shape (2,); NaN where there is no righting moment.
+        periods: Undamped natural periods in roll and pitch [s]; NaN where there is no righting moment.
     """
 
-    stiffness: np.ndarray
+    stiffness: Float[np.ndarray, "2"]
     metacentric_height: float
-    trim: np.ndarray
+    trim: Float[np.ndarray, "2"]
     net_buoyancy: float
-    periods: np.ndarray
+    periods: Float[np.ndarray, "2"]
 
 
 def hang(model: Model) -> Hydrostatics:
@@ -82,8 +84,8 @@ def afloat(model: Model) -> float:
     return highest
 
 
-def by_products(model: Model) -> np.ndarray:
-    """Moment in roll and pitch about CG that comes with a force along X, Y and Z [m], shape (2, 3).
+def by_products(model: Model) -> Float[np.ndarray, "2 3"]:
+    """Moment in roll and pitch about CG that comes with a force along X, Y and Z [m].
 
     Zero for an axis that has thrusters of its own: they balance it.
     """
@@ -92,8 +94,8 @@ def by_products(model: Model) -> np.ndarray:
     return np.where(pushed_axes(model)[3:5, None], 0.0, about_cg[:2])
 
 
-def tilt_of_thrust(model: Model) -> np.ndarray:
-    """Roll and pitch to which all thrust ahead, aside, and up or down brings it [rad], shape (2, 3).
+def tilt_of_thrust(model: Model) -> Float[np.ndarray, "2 3"]:
+    """Roll and pitch to which all thrust ahead, aside, and up or down brings it [rad].
 
     Zero where other thrusters balance it, and where nothing rights the vehicle.
     """
@@ -102,13 +104,13 @@ def tilt_of_thrust(model: Model) -> np.ndarray:
     return np.where(stiffness > 0.0, np.arctan2(moment, np.maximum(stiffness, 1e-12)), 0.0)
 
 
-def linearised(model: Model, surge_speed: Array) -> Array:
-    """A, shape (8, 8), of the small motions x = [nu, phi, theta] about level flight at a steady surge speed.
+def linearised(model: Model, surge_speed: Scalar) -> Float[Array, "8 8"]:
+    """A of the small motions x = [nu, phi, theta] about level flight at a steady surge speed.
 
     The thrust that keeps the speed is held: it drops out of the differences.
     """
 
-    def rate(x: Array) -> Array:
+    def rate(x: Float[Array, "8"]) -> Float[Array, "8"]:
         zero = jnp.zeros(())
         q = quaternion_from_euler(jnp.stack([x[6], x[7], zero]))
         # Level at phi = theta = 0: theta_dot = q, phi_dot = p to first order.
@@ -122,15 +124,15 @@ def linearised(model: Model, surge_speed: Array) -> Array:
 _linearised_at = jit_once(jax.vmap(linearised, in_axes=(None, 0)))
 
 
-def linearised_at(model: Model, surge_speeds: np.ndarray) -> np.ndarray:
-    """A of `linearised` at several surge speeds, shape (k, 8, 8)."""
+def linearised_at(model: Model, surge_speeds: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 8 8"]:
+    """A of `linearised` at several surge speeds."""
     # Thrust is held, so thrusters play no part: without them one compiled function serves all vehicles.
     bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(as_array(np.zeros((6, 0))), as_array(np.zeros(0))))
     return np.asarray(_linearised_at(bare, as_array(surge_speeds)))
 
 
-def depth_held(model: Model, A: np.ndarray, surge_speed: float) -> np.ndarray:
-    """A of the same motions when a heave force keeps the depth: w = u theta, shape (8, 8)."""
+def depth_held(model: Model, A: Float[np.ndarray, "8 8"], surge_speed: float) -> Float[np.ndarray, "8 8"]:
+    """A of the same motions when a heave force keeps the depth: w = u theta."""
     push = np.concatenate([np.asarray(model.inertia_inverse)[:, 2], np.zeros(2)])
     kept = np.zeros(8)
     kept[2], kept[7] = 1.0, -surge_speed
@@ -174,11 +176,11 @@ def stability(model: Model, astern: bool = False) -> Stability:
     speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
     slow, fast = linearised_at(model, sense * np.array([0.5, 1.5]))
 
-    def free(u: np.ndarray) -> np.ndarray:
+    def free(u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 8 8"]:
         # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed, each way.
         return slow + (u[:, None, None] - 0.5) * (fast - slow)
 
-    def held(u: np.ndarray) -> np.ndarray:
+    def held(u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 8 8"]:
         return np.stack([depth_held(model, A, sense * speed) for A, speed in zip(free(u), u, strict=True)])
 
     return Stability(
@@ -199,7 +201,7 @@ def _eigen(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(values, dtype=complex), np.asarray(vectors, dtype=complex)
 
 
-def growth(A: np.ndarray, states: tuple[int, ...]) -> float:
+def growth(A: Float[np.ndarray, "n n"], states: tuple[int, ...]) -> float:
     """Largest real part [1/s] of the eigenvalues whose motion is mostly in some of the states."""
     values, vectors = _eigen(A)
     share = np.abs(vectors) ** 2
@@ -207,7 +209,11 @@ def growth(A: np.ndarray, states: tuple[int, ...]) -> float:
     return float(np.real(values)[mine].max()) if mine.any() else -np.inf
 
 
-def _first_unstable(matrices: Callable[[np.ndarray], np.ndarray], states: tuple[int, ...], speeds: np.ndarray) -> float:
+def _first_unstable(
+    matrices: Callable[[Float[np.ndarray, " k"]], Float[np.ndarray, "k 8 8"]],
+    states: tuple[int, ...],
+    speeds: Float[np.ndarray, " k"],
+) -> float:
     """The lowest speed at which something grows: a grid, refined twice around the first unstable one."""
     # Damping of zero and what the depth constraint removes leave eigenvalues that are zero but for rounding.
     neutral = 1e-7
@@ -224,8 +230,8 @@ def _first_unstable(matrices: Callable[[np.ndarray], np.ndarray], states: tuple[
     return high
 
 
-def reach(model: Model) -> np.ndarray:
-    """Largest forces and moments of all thrusters together, shape (6, 2): negative and positive [N, N m].
+def reach(model: Model) -> Float[np.ndarray, "6 2"]:
+    """Largest forces and moments of all thrusters together: negative and positive [N, N m].
 
     Each direction by itself: what the same thrusters do elsewhere is not balanced.
     """
