@@ -50,6 +50,7 @@ def planned():
     path = [np.cumsum(RNG.normal(size=(n, m)), axis=0) for m in (3, 4, 6)]
     rehearsed = Rehearsed(scenario, 0.02 * np.arange(n), *path, RNG.uniform(-1, 1, (n, 6)), [], None)
     sd, names = RNG.uniform(0.1, 1.0, p), [f"added_mass.{one}" for one in ("surge", "sway", "heave", "yaw")]
+    ones = np.ones(p)
     hopes = Expected(names, ones, ones > 0, ones, sd, np.array([1.0, 2.5]), RNG.uniform(size=(k, p)))
     model = rovtwin.load_vehicle("double_blueye").model()
     return Plan(scenario, hopes, 0.9 * sd, 0.7, rehearsed, 0.4, (30, 20), ["pull ahead", "turn"], ["too narrow"], model)

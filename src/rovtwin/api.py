@@ -252,9 +252,11 @@ def identify(
         >>> before.verdicts[0]
         'prior only'
     """
+    from rovtwin.core.trust import consent_to_addresses
     from rovtwin.identification import identify as identification
 
     one = load_vehicle(vehicle)
+    consent_to_addresses([dict(a) for a in settings.get("anchors", ()) if isinstance(a, Mapping)])
     return identification.identify(one, _records(logs, one), validate=_records(validate, one), **settings)
 
 
