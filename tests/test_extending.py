@@ -222,3 +222,18 @@ def test_evidence_counts_in_an_estimate(installed):
     assert np.linalg.det(timed.covariance) < 0.5 * np.linalg.det(plain.covariance)
     assert timed.values["restoring.net_buoyancy"] == pytest.approx(2.68, abs=0.05)
     assert any("rise (stopwatch 1.0)" in line for line in timed.findings)
+
+
+def test_a_view(installed, monkeypatch):
+    from rovtwin.console.view import look
+    from rovtwin.testing import view_states
+
+    (checked,), names = installed("view.md", "balance", {"rovtwin.views": {"balance": "balance:Balance"}})
+    with pytest.raises(ConfigError, match="--view: names code, balance:Balance"):
+        look("balance:Balance", {})
+    first, flying, *_ = view_states()
+    assert look("balance", first) == {"title": "Balance", "every": 0.5, "text": "no vehicle yet"}
+    rows = look("balance", flying | {"tau": [1.25, 0, 0, 0, 0, 0.5], "u": [-0.8, 0.1]})["rows"]
+    assert rows[0] == ["surge", "1.25", "N"] and rows[-1] == ["largest command so far", "80", "%"]
+    assert look("balance", flying | {"u": [0.0]})["rows"][-1][1] == "80", "it remembers"
+    exec(checked, names)

@@ -1,4 +1,4 @@
-"""The contracts of Blocks, sensors, evidence, Links and Sources as tests of one's own can run them; ours run the same.
+"""The contracts of Blocks, sensors, evidence, Links, Sources and views for tests of one's own; ours run the same.
 
     from rovtwin.testing import check_block, recorded_inputs
 
@@ -14,6 +14,7 @@ from rovtwin.testing.link import LinkRig, check_link
 from rovtwin.testing.recorded import recorded_inputs
 from rovtwin.testing.sensor import check_sensor, sensor_inputs
 from rovtwin.testing.source import SourceRig, check_source
+from rovtwin.testing.view import check_view, view_states
 
 __all__ = [
     "BlockContract",
@@ -24,6 +25,8 @@ __all__ = [
     "check_link",
     "check_sensor",
     "check_source",
+    "check_view",
     "recorded_inputs",
     "sensor_inputs",
+    "view_states",
 ]
