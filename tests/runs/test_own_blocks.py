@@ -477,3 +477,22 @@ def test_the_command_line_finds_the_file_beside_it(package, tmp_path):
         [sys.executable, "-c", code, *words, "--out", "run"], cwd=tmp_path, env=env, capture_output=True, text=True
     )
     assert done.returncode == 1 and (tmp_path / "run" / "log.mcap").is_file(), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"autopilot": {"type": "model_based", "controller": "own_control:Springs"}}, "autopilot.controller"),
+        ({"world": {"forces": ["own_control:Springs"]}}, r"world.forces\[0\]"),
+        ({"sensors": {"murk": {"kind": "own_control:Springs"}}}, "sensors.murk.kind"),
+    ],
+)
+def test_what_a_console_would_run_is_asked_for_before_it_starts(package, monkeypatch, change, where):
+    from rovtwin.runs.compose.own_blocks import require_own_code
+
+    monkeypatch.setenv(VARIABLE, "")
+    scenario = rovtwin.load_scenario(load_scenario("square").model_dump(mode="json", exclude_unset=True) | change)
+    with pytest.raises(ConfigError, match=f"square: {where}: names code, own_control:Springs"):
+        require_own_code(scenario)
+    monkeypatch.setenv(VARIABLE, "own_control:Springs")
+    require_own_code(scenario)

@@ -161,17 +161,19 @@ def _sized(loaded: "Scenario") -> "Scenario":
 
 
 def _require_flyable(scenario: "Scenario", link: str) -> None:
-    """Raise ConfigError for what the page could only say much later: a link that there is not, a mission in a wall.
+    """Raise ConfigError for what the page could only say much later: no such link or code, a mission in a wall.
 
     Nor is one begun that the vehicle cannot fly at all; the water of a real one is not the scenario's.
     """
     from rovtwin.live.connect import opener
     from rovtwin.runs.compose.composition import keys_of, vehicle_of
     from rovtwin.runs.compose.inside import require_inside
+    from rovtwin.runs.compose.own_blocks import require_own_code
     from rovtwin.runs.compose.world import plant_of
     from rovtwin.runs.feasibility.mission import require_feasible
     from rovtwin.runs.pace import Clock
 
+    require_own_code(scenario)
     vehicle, twin = vehicle_of(scenario), link == "twin://"
     model = vehicle.model()
     require_inside(scenario, model)

@@ -141,8 +141,8 @@ def require_no_own_autopilot(scenario: Scenario) -> None:
         key, block = next(iter(section.own_blocks.items()))
         raise ConfigError(
             f"{scenario.name}: autopilot.{key}: found {block.label}, a block of your own, which would not run: a "
-            "served vehicle has its own electronics, and the autopilot flies at the other end of the link. Serve it with "
-            "--set autopilot=model_based, and fly the scenario as it is with rovtwin fly .. --link"
+            "served vehicle has its own electronics, and the autopilot flies at the other end of the link. Serve it "
+            "with --set autopilot=model_based, and fly the scenario as it is with rovtwin fly .. --link"
         )
 
 
