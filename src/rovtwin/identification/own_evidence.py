@@ -57,7 +57,9 @@ def found_kind(kind: Any, settings: Mapping[str, Any], where: str) -> OwnEvidenc
     return parse(target, dict(settings), label)
 
 
-def numbers_of(evidence: OwnEvidence, model: Model, where: str) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def numbers_of(
+    evidence: OwnEvidence, model: Model, where: str
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """What was measured and its standard deviation, shapes (k,), once a model has shown that all fits together.
 
     Raises:
