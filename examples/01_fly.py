@@ -18,8 +18,8 @@ print("added mass, diagonal:", np.round(np.diag(model.added_mass), 2))
 
 scenario = load_scenario(sys.argv[1] if len(sys.argv) > 1 else "lawnmower_calm", ["world.current=[0.02,0,0]"], seed=3)
 flight = fly(scenario)
-print("completed" if flight.completed else f"not completed: {flight.summary['reason']}")
-print(f"cross-track rms {flight.summary['cross_track_rms_m']:.3f} m in {flight.summary['duration_s']:.0f} s")
+print("completed" if flight.completed else f"not completed: {flight.figures['reason']}")
+print(f"cross-track rms {flight.figures['cross_track_rms_m']:.3f} m in {flight.figures['duration_s']:.0f} s")
 
 figure = Figure(figsize=(5, 6))
 axes = figure.subplots()

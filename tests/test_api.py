@@ -59,7 +59,7 @@ def test_a_dictionary_is_as_good_as_a_file(tmp_path):
     vehicle = rovtwin.load_vehicle(data)
     assert vehicle.name == "tube" and rovtwin.load_vehicle(vehicle) is vehicle
     path = rovtwin.simulate(data, {"stern": np.full(300, 0.5)})
-    assert path.nu.attrs["frame"] == "b" and path.sizes["time"] == 301
+    assert path.nu.attrs["frame"] == "b" and path.to_xarray().sizes["time"] == 301
     assert float(path.nu.sel(axis="u")[-1]) > 0.1 and float(path.position.sel(direction="north")[-1]) > 0.1
     with pytest.raises(rovtwin.ConfigError, match="mass"):
         rovtwin.load_vehicle(data | {"mass": "much"})

@@ -178,3 +178,62 @@ def test_a_sensor_is_flown_and_logged(installed, monkeypatch):
     series = flight.log["sensor/turbidity"]
     assert series.channel.fields == ("turbidity", "t_valid") and series.channel.units == ("NTU", "s")
     assert len(series) in (15, 16) and (series.values[:, 0] > 0.0).all() and "own_code" in flight.log.metadata
+
+
+def test_evidence(installed, monkeypatch):
+    import yaml
+
+    from rovtwin.identification.experiment.information import with_anchors
+    from rovtwin.planning.experiments import what_is_known
+
+    (handed, checked), names = installed("evidence.md", "stopwatch", {"rovtwin.evidence": {"rise": "stopwatch:Rise"}})
+    (text,) = blocks("evidence.md", "yaml")
+    anchors = yaml.safe_load(text)["anchors"]
+    parameters, prior = what_is_known(rovtwin.load_vehicle("double_blueye"), None)
+    with pytest.raises(ConfigError, match=r"anchors\[0\]: names code, stopwatch:Rise"):
+        with_anchors(parameters, prior, anchors)
+    monkeypatch.setenv(VARIABLE, "stopwatch:Rise")
+    after = with_anchors(parameters, prior, anchors)
+    i = parameters.names.index("restoring.net_buoyancy")
+    widths = [float(np.sqrt(one.covariance[i, i])) for one in (prior, after)]
+    assert f"from {widths[0]:.1f} to {widths[1]:.2f} N" in (PAGES / "evidence.md").read_text()
+    monkeypatch.setenv(VARIABLE, "")
+    installed_kind = [{"kind": "rise", "settings": one["settings"]} for one in anchors]
+    np.testing.assert_allclose(with_anchors(parameters, prior, installed_kind).covariance, after.covariance)
+    asked = []
+    monkeypatch.setattr("rovtwin.identification.identify.identify", lambda vehicle, records, **more: asked.append(more))
+    exec(handed, names | {"logs": ()})
+    assert asked[0]["anchors"] == [names["Rise"](distance=2.0, seconds=25.0)]
+    exec(checked, names)
+
+
+@pytest.mark.slow
+def test_evidence_counts_in_an_estimate(installed):
+    from tests.identification.synthetic import record, steps_command
+
+    _, names = installed("evidence.md", "stopwatch", {"rovtwin.evidence": {"rise": "stopwatch:Rise"}})
+    vehicle = rovtwin.load_vehicle("double_blueye")
+    # What its drag leaves of 2 m in 25 s.
+    log = record(vehicle.model(net_buoyancy=2.68), *steps_command(vehicle, 0, 8.0), 8.0, water_density=1000.0)
+    free = ["restoring.net_buoyancy", "linear_damping.heave"]
+    plain = rovtwin.identify(vehicle, log, free=free)
+    settings = {"distance": 2.0, "seconds": 25.0, "sd": 0.01}
+    timed = rovtwin.identify(vehicle, log, free=free, anchors=[{"kind": "rise", "settings": settings}])
+    assert np.linalg.det(timed.covariance) < 0.5 * np.linalg.det(plain.covariance)
+    assert timed.values["restoring.net_buoyancy"] == pytest.approx(2.68, abs=0.05)
+    assert any("rise (stopwatch 1.0)" in line for line in timed.findings)
+
+
+def test_a_view(installed, monkeypatch):
+    from rovtwin.console.view import look
+    from rovtwin.testing import view_states
+
+    (checked,), names = installed("view.md", "balance", {"rovtwin.views": {"balance": "balance:Balance"}})
+    with pytest.raises(ConfigError, match="--view: names code, balance:Balance"):
+        look("balance:Balance", {})
+    first, flying, *_ = view_states()
+    assert look("balance", first) == {"title": "Balance", "every": 0.5, "text": "no vehicle yet"}
+    rows = look("balance", flying | {"tau": [1.25, 0, 0, 0, 0, 0.5], "u": [-0.8, 0.1]})["rows"]
+    assert rows[0] == ["surge", "1.25", "N"] and rows[-1] == ["largest command so far", "80", "%"]
+    assert look("balance", flying | {"u": [0.0]})["rows"][-1][1] == "80", "it remembers"
+    exec(checked, names)

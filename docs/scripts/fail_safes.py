@@ -39,7 +39,7 @@ def draw(axes, name, flight):
     above.plot(*eta[-1, 1::-1], "C0o", ms=5)
     above.set(title=name, xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(-1.5, 10), ylim=(-1.5, 7.5))
     deep.plot(t, eta[:, 2], "C0", lw=1.2)
-    decisions = [one for one in flight.summary["decisions"] if any(word in one["what"] for word in OWN)]
+    decisions = [one for one in flight.figures["decisions"] if any(word in one["what"] for word in OWN)]
     for k, one in enumerate(decisions):
         deep.axvline(one["t"], color="#b2182b", lw=0.8, ls="--")
         words = f"{one['t']:.0f} s: {one['what']}"
@@ -48,10 +48,10 @@ def draw(axes, name, flight):
         )
         row = int(np.argmin(np.abs(t - one["t"])))
         above.plot(*eta[row, 1::-1], "o", color="#b2182b", ms=4)
-    end = "completed" if flight.completed else flight.summary["phase"]
+    end = "completed" if flight.completed else flight.figures["phase"]
     deep.set(xlabel="time [s]", ylabel="depth [m]", ylim=(4.6, -0.1), xlim=(0, 185))
     deep.text(
-        0.97, 0.9, f"{end}, {flight.summary['duration_s']:.0f} s", transform=deep.transAxes, ha="right", fontsize=8
+        0.97, 0.9, f"{end}, {flight.figures['duration_s']:.0f} s", transform=deep.transAxes, ha="right", fontsize=8
     )
 
 
@@ -65,7 +65,7 @@ def main():
     figure, grid = plt.subplots(2, len(CASES), figsize=(13, 6.2), layout="constrained", height_ratios=[3, 2])
     for column, (name, changes) in enumerate(CASES.items()):
         flight = fly(load_scenario(args.scenario, ["autopilot=model_based", *changes], seed=args.seed))
-        print(name, flight.summary["phase"], flight.summary["reason"], flight.summary["decisions"])
+        print(name, flight.figures["phase"], flight.figures["reason"], flight.figures["decisions"])
         draw(grid[:, column], name, flight)
     grid[0, 0].legend(fontsize=8, frameon=False, loc="lower right")
     figure.savefig(args.out / "fail_safes.png", dpi=75)

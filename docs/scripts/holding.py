@@ -103,8 +103,8 @@ def flown_table():
             found = worst(holdings(compose(scenario)))
             flight = fly(scenario, refuse=False)  # those that drift off, too
             eta = flight.log["truth/eta"]
-            if flight.summary["phase"] == "aborted":
-                flown = f"aborted after {eta.t[-1]:.0f} s: {flight.summary['reason']}"
+            if flight.figures["phase"] == "aborted":
+                flown = f"aborted after {eta.t[-1]:.0f} s: {flight.figures['reason']}"
             else:
                 late = eta.t > 120
                 north, drift = eta["x"][late], np.polyfit(eta.t[late], eta["x"][late], 1)[0]

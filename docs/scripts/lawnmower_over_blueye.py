@@ -66,9 +66,9 @@ def over_the_wire(seed: int, speed: float, dvl: bool, folder: Path) -> dict:
         serving.end()
     return judged(Log.read(folder / f"truth{seed}.mcap"), flight.log) | {
         "completed": flight.completed,
-        "late_ms_p99": flight.summary["late_ms_p99"],
-        "late_ms_max": flight.summary["late_ms_max"],
-        "duration_s": flight.summary["duration_s"],
+        "late_ms_p99": flight.figures["late_ms_p99"],
+        "late_ms_max": flight.figures["late_ms_max"],
+        "duration_s": flight.figures["duration_s"],
     }
 
 
@@ -106,8 +106,8 @@ def in_one_process(seed: int, dvl: bool) -> dict:
     flight = fly(load_scenario(name, ["autopilot=model_based"], seed))
     path = flight.log["truth/eta"].values[:, :2]
     keys = ("completed", "duration_s", "cross_track_rms_m")
-    return {key: flight.summary[key] for key in keys} | {
-        "error_rms_m": flight.summary["position_error_rms_m"],
+    return {key: flight.figures[key] for key in keys} | {
+        "error_rms_m": flight.figures["position_error_rms_m"],
         "path": path.tolist(),
     }
 

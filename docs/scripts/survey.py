@@ -36,8 +36,8 @@ def compare(survey):
     under = np.abs(track[:, 2] - survey.depth) < 0.2
     swept = shapely.LineString(track[under, :2]).buffer(0.5 * survey.request.swath.width)
     area = survey.plan.room.area
-    print(f"time {figures['duration_s']:.0f} s planned, {flight.summary['duration_s']:.0f} s flown")
-    print(f"energy {figures['energy_wh']:.1f} Wh planned, {flight.summary['energy_wh']} Wh flown")
+    print(f"time {figures['duration_s']:.0f} s planned, {flight.figures['duration_s']:.0f} s flown")
+    print(f"energy {figures['energy_wh']:.1f} Wh planned, {flight.figures['energy_wh']} Wh flown")
     print(f"coverage {figures['coverage']:.4f} planned, {swept.intersection(area).area / area.area:.4f} flown")
 
 

@@ -46,7 +46,7 @@ def main():
     figure.tight_layout()
     figure.savefig(options.out / "terrain.png", dpi=120)
     print(
-        f"floor {floor.min():.2f} to {floor.max():.2f} m, altitude error {flight.summary['altitude_rms_m']:.3f} m rms"
+        f"floor {floor.min():.2f} to {floor.max():.2f} m, altitude error {flight.figures['altitude_rms_m']:.3f} m rms"
     )
 
 

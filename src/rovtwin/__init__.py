@@ -23,6 +23,8 @@ if TYPE_CHECKING:
         track,
         tune,
     )
+    from rovtwin.campaign.session import CampaignSession
+    from rovtwin.campaign.tuning.result import Tuned
     from rovtwin.core.block import Block
     from rovtwin.core.errors import (
         ConfigError,
@@ -36,7 +38,11 @@ if TYPE_CHECKING:
     from rovtwin.core.link import Link
     from rovtwin.core.log import Log
     from rovtwin.identification.result import Identification
+    from rovtwin.planning.plan import Plan
+    from rovtwin.runs.flight import Flight
+    from rovtwin.runs.smooth import SmoothedRun
     from rovtwin.scenario.schema import Scenario
+    from rovtwin.simulation.roll_out import Trajectory
     from rovtwin.vehicle.description.vehicle import Vehicle
     from rovtwin.vehicle.physics.model import Model
 
@@ -47,18 +53,26 @@ _HOME = {
     **dict.fromkeys(_API, "api"),
     **dict.fromkeys(_ERRORS, "core.errors"),
     "Block": "core.block",
+    "CampaignSession": "campaign.session",
     "Command": "core.flow",
+    "Flight": "runs.flight",
     "Identification": "identification.result",
     "Link": "core.link",
     "Log": "core.log",
     "Model": "vehicle.physics.model",
+    "Plan": "planning.plan",
     "Scenario": "scenario.schema",
+    "SmoothedRun": "runs.smooth",
+    "Trajectory": "simulation.roll_out",
+    "Tuned": "campaign.tuning.result",
     "Vehicle": "vehicle.description.vehicle",
 }
 __all__ = [
     "Block",
+    "CampaignSession",
     "Command",
     "ConfigError",
+    "Flight",
     "Identification",
     "IdentificationError",
     "Link",
@@ -67,8 +81,12 @@ __all__ = [
     "Log",
     "LogError",
     "Model",
+    "Plan",
     "RovtwinError",
     "Scenario",
+    "SmoothedRun",
+    "Trajectory",
+    "Tuned",
     "Vehicle",
     "__version__",
     "connect",

@@ -20,17 +20,16 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle.description.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    import xarray
-
-    from rovtwin.campaign.run import Session
+    from rovtwin.campaign.session import CampaignSession
     from rovtwin.campaign.tuning.result import Tuned
     from rovtwin.core.block import Block
     from rovtwin.core.log import Log
     from rovtwin.identification.logs.record import Record
     from rovtwin.identification.result import Identification
-    from rovtwin.planning.experiments import Plan
-    from rovtwin.runs.fly import Flight
+    from rovtwin.planning.plan import Plan
+    from rovtwin.runs.flight import Flight
     from rovtwin.runs.smooth import SmoothedRun
+    from rovtwin.simulation.roll_out import Trajectory
 
 LONGEST_STEP = 0.1  # of `simulate` [s]: vehicles of this size move within a second
 RANGE = "commands: expected at least one step, and numbers from -1 to 1"
@@ -155,7 +154,7 @@ def simulate(
     position: Sequence[float] = (0.0, 0.0, 0.0),
     heading: float = 0.0,
     current: Sequence[float] = (0.0, 0.0, 0.0),
-) -> "xarray.Dataset":
+) -> "Trajectory":
     """The equations of motion alone: no sensors, no autopilot, endless water.
 
     Args:
@@ -167,8 +166,8 @@ def simulate(
         current: Velocity of the water, n [m/s].
 
     Returns:
-        By `time`, the start at 0 first: `position` in n [m], `attitude` (quaternion R_nb), `nu` in b at CO
-        [m/s, rad/s], `thrust` [N], and `command` (of the step that begins; NaN at the end).
+        The trajectory, with the start at 0 first: by `time` `position` in n [m], `attitude` (quaternion R_nb), `nu` in
+        b at CO [m/s, rad/s], `thrust` [N], and `command` (of the step that begins; NaN at the end).
 
     Raises:
         ConfigError: Another shape, a thruster that is not there, or a command beyond 1.
@@ -178,7 +177,6 @@ def simulate(
         >>> bool(path.nu.sel(axis="u")[-1] > 0.1)
         True
     """
-    require("xarray", "notebook", "simulate")
     from rovtwin.simulation.roll_out import roll_out
 
     one = load_vehicle(vehicle)
@@ -187,8 +185,9 @@ def simulate(
         raise ConfigError(f"dt: found {step:g} s, expected more than 0 and at most {LONGEST_STEP:g}")
     start, water = _numbers(position, "position", (3,)), _numbers(current, "current", (3,))
     u = _commands(one, commands)
-    path = roll_out(one.model(), u, step, start, float(_numbers(heading, "heading", ())), water, one.thruster_names)
-    if not np.all(np.isfinite(path.nu.values)):
+    angle = float(_numbers(heading, "heading", ()))
+    path = roll_out(one.model(), u, step, start, angle, water, one.thruster_names, one.name)
+    if not np.all(np.isfinite(path.states["nu"])):
         raise ConfigError(f"dt: the motion of {one.name} does not stay finite with {step:g} s; take a shorter step")
     return path
 
@@ -253,9 +252,11 @@ def identify(
         >>> before.verdicts[0]
         'prior only'
     """
+    from rovtwin.core.trust import consent_to_addresses
     from rovtwin.identification import identify as identification
 
     one = load_vehicle(vehicle)
+    consent_to_addresses([dict(a) for a in settings.get("anchors", ()) if isinstance(a, Mapping)])
     return identification.identify(one, _records(logs, one), validate=_records(validate, one), **settings)
 
 
@@ -403,7 +404,7 @@ def run_campaign(
     samples: int | None = None,
     workers: int | None = None,
     progress: Callable[[Any], None] = lambda now: None,
-) -> "Session":
+) -> "CampaignSession":
     """Fly a scenario many times, with what varies drawn for each mission, and judge all of them.
 
     Args:

@@ -75,7 +75,7 @@ def test_every_sample_has_one_row(session, campaign):
 def test_a_sample_is_flown_again_to_the_last_bit(session, campaign):
     flight = fly(scenario_at(*sample_of(f"{session.folder}/1")), short=0)
     row = session.table.slice(1, 1).to_pylist()[0]
-    assert row.items() >= row_of(1, draws(campaign, 1), flight.summary).items()
+    assert row.items() >= row_of(1, draws(campaign, 1), flight.figures).items()
     assert row["reason"].startswith("not finished after 2 s: ") and not row["completed"]
 
 

@@ -156,7 +156,7 @@ def test_a_slender_hull_in_a_current_across_its_course_has_no_thruster_failure()
     from rovtwin import fly, load_scenario
 
     flight = fly(load_scenario("square", ["vehicle=torpedo", "world.current=[0, 0.62, 0]", "seed=1"]))
-    assert flight.summary["completed"], flight.summary["reason"]
+    assert flight.figures["completed"], flight.figures["reason"]
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def test_one_that_dies_in_a_mission_is_found_within_fifteen_seconds(vehicle, thr
     from rovtwin import fly, load_scenario
 
     fault = f"faults=[{{thruster: {thruster}, at: 30, fault: dead}}]"
-    decisions = fly(load_scenario("square", [f"vehicle={vehicle}", fault, f"seed={seed}"])).summary["decisions"]
+    decisions = fly(load_scenario("square", [f"vehicle={vehicle}", fault, f"seed={seed}"])).figures["decisions"]
     assert [(d["what"], d["t"] < 45) for d in decisions if "no longer" in d["what"]] == [
         (f"{thruster} no longer used", True)
     ]

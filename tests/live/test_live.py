@@ -317,9 +317,9 @@ def test_a_flight_over_a_link_is_logged_without_truth(flight):
     assert 0.0 < (began - armed).total_seconds() < 60.0, "its zero is the time of day"
     timing = log["host/timing"]
     assert len(timing) == 1001 and timing["thrust_on"].all()
-    assert flown.summary["judged_by"] == "the autopilot's own estimate"
-    assert flown.summary["nees_position_mean"] is None and flown.summary["late_ms_max"] > 0
-    assert flown.summary["reason"].startswith("not finished after 20 s: on its way to way-point 1 of 7, ")
+    assert flown.figures["judged_by"] == "the autopilot's own estimate"
+    assert flown.figures["nees_position_mean"] is None and flown.figures["late_ms_max"] > 0
+    assert flown.figures["reason"].startswith("not finished after 20 s: on its way to way-point 1 of 7, ")
     # It dived, by what its pressure sensor says.
     depth = log["sensor/pressure"]
     assert depth["depth"][0] < 0.6 < 1.5 < depth["depth"][-1]
@@ -338,7 +338,7 @@ def test_who_does_not_arm_moves_nothing(tmp_path, scenario):
     sent = []
     link.send = lambda command: sent.append(command)
     flown = fly_live(scenario, link, [], clock, tmp_path / "run", arm=lambda ready: False)
-    assert sent == [] and flown.summary["reason"] == "not armed" and not flown.completed
+    assert sent == [] and flown.figures["reason"] == "not armed" and not flown.completed
 
 
 def test_without_thrust_everything_is_computed_and_nothing_moves(tmp_path, scenario):
@@ -370,7 +370,7 @@ def test_a_vehicle_that_is_lost_in_flight_ends_it(tmp_path, scenario):
 
     link.send = send
     flown = fly_live(scenario, link, [], clock, tmp_path / "run", arm=lambda ready: True)
-    assert flown.summary["reason"] == "link lost: the cable is cut" and len(sent) < 40
+    assert flown.figures["reason"] == "link lost: the cable is cut" and len(sent) < 40
     assert (tmp_path / "run" / "summary.json").exists()
 
 

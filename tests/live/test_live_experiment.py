@@ -123,9 +123,9 @@ def flight(scenario, tmp_path_factory):
 
 def test_a_test_over_a_link_is_done_and_says_so_as_a_simulated_one(flight):
     flown, _ = flight
-    assert flown.completed and flown.summary["test"] and flown.summary["duration_s"] == pytest.approx(15.0)
-    assert flown.summary["effort_n2s"] is None and flown.summary["cross_track_rms_m"] is None
-    assert "judged_by" not in flown.summary, "there is nothing to judge"
+    assert flown.completed and flown.figures["test"] and flown.figures["duration_s"] == pytest.approx(15.0)
+    assert flown.figures["effort_n2s"] is None and flown.figures["cross_track_rms_m"] is None
+    assert "judged_by" not in flown.figures, "there is nothing to judge"
     seen = Seen(flown.log)
     assert verdict(seen).headline == "Test done in 15 s"
     assert {"pose", "velocity", "timing"} <= {entry.name for entry in drawable(seen)}
@@ -218,7 +218,7 @@ def test_a_link_lost_in_mid_test_stops_the_thrusters_and_keeps_the_log(tmp_path,
 
     vehicle.read = lost
     flown = fly_live(scenario, vehicle, [], clock, tmp_path / "run", arm=lambda ready: True)
-    assert flown.summary["reason"] == "link lost: the cable is cut" and not flown.completed
+    assert flown.figures["reason"] == "link lost: the cable is cut" and not flown.completed
     assert np.abs(vehicle.sent[-1]).max() > 0.5, "in the middle of the pull"
     assert vehicle.stopped and len(Log.read(tmp_path / "run" / "log.mcap")["autopilot/command"]) == 80
     (record,) = read_records(tmp_path / "run" / "log.mcap", load_vehicle("double_blueye"))

@@ -180,10 +180,10 @@ def test_a_planned_survey_is_flown_in_the_planned_time_and_sees_the_area(tmp_pat
     survey = lay_out(SurveyRequest(tmp_path / "small.yaml", Swath(1.5)))
     write_survey(survey, tmp_path / "survey.yaml")
     flight = fly(load_scenario(tmp_path / "survey.yaml"))
-    assert flight.summary["completed"]
+    assert flight.figures["completed"]
     # The plan is on the safe side: a way-point counts as reached before it (docs/survey.md).
-    assert 0.6 < flight.summary["duration_s"] / survey.plan.seconds < 1.15
-    assert flight.summary["energy_wh"] == pytest.approx(survey.figures()["energy_wh"], rel=0.4)
+    assert 0.6 < flight.figures["duration_s"] / survey.plan.seconds < 1.15
+    assert flight.figures["energy_wh"] == pytest.approx(survey.figures()["energy_wh"], rel=0.4)
     track = flight.log["truth/eta"].values
     swept = shapely.LineString(track[np.abs(track[:, 2] - 3.0) < 0.2, :2]).buffer(0.75)
     area = survey.plan.room.area

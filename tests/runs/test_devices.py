@@ -206,7 +206,7 @@ def test_a_unit_whose_battery_is_empty_loses_its_thrusters(drained):
 @pytest.mark.slow
 def test_energy_is_in_summary_and_report(drained, tmp_path):
     power = drained.log["truth/battery"].values[:, 2:].sum(axis=1)
-    assert drained.summary["energy_wh"] == pytest.approx(power.sum() * 0.1 / 3600, rel=0.05)
+    assert drained.figures["energy_wh"] == pytest.approx(power.sum() * 0.1 / 3600, rel=0.05)
     assert "taken from the batteries" in write_report(drained.log, tmp_path).read_text()
 
 

@@ -84,17 +84,17 @@ def during(log, what, channel):
 
 
 def test_a_test_is_done_and_says_so(flight):
-    assert flight.completed and flight.summary["test"] and flight.summary["duration_s"] == pytest.approx(36.0)
-    assert flight.summary["nees_position_mean"] is None and flight.summary["effort_n2s"] > 0
+    assert flight.completed and flight.figures["test"] and flight.figures["duration_s"] == pytest.approx(36.0)
+    assert flight.figures["nees_position_mean"] is None and flight.figures["effort_n2s"] > 0
     assert verdict(Seen(flight.log)).headline == "Test done in 36 s"
 
 
 def test_a_test_that_touched_the_floor_says_so_in_summary_terminal_and_report(flight, capsys):
     """The planned test of a bluerov2_heavy did, twice, and identify only found that its stretches disagree."""
-    assert flight.summary["touched"] == []
+    assert flight.figures["touched"] == []
     down = [{"manoeuvre": "steps", "axis": "heave", "levels": [0.6], "duration": 4, "home": 4}]
     shallow = fly(short(down, start={"position": [0, 0, 1.5]}, world={"floor": 2.0}))
-    (line,) = shallow.summary["touched"]
+    (line,) = shallow.figures["touched"]
     assert line.startswith("touched the floor at ") and "identify knows no such force" in line
     assert f"It {line}." in verdict(Seen(shallow.log)).sentences
     _closing_table(shallow, Console())

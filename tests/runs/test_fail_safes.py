@@ -51,29 +51,29 @@ def leaking():
 def test_a_leak_brings_it_up():
     run = leaking()
     assert phases(run)[-2:] == ["surfacing", "surfaced"] and depth(run)[-1] < 0.8
-    assert run.summary["reason"] == "leak" and not run.completed
-    first = run.summary["decisions"][0]
+    assert run.figures["reason"] == "leak" and not run.completed
+    first = run.figures["decisions"][0]
     assert first["what"] == "surfacing" and first["cause"] == "leak" and AT < first["t"] < AT + 1.5
 
 
 @pytest.mark.slow
 def test_an_action_can_be_chosen():
     run = flight("autopilot.supervisor.leak=stop", faults={"leak": AT})
-    assert phases(run)[-1] == "aborted" and run.summary["reason"] == "leak"
+    assert phases(run)[-1] == "aborted" and run.figures["reason"] == "leak"
     assert np.all(run.log["autopilot/command"].values[-1] == 0.0)
 
 
 @pytest.mark.slow
 def test_a_battery_that_runs_low_sends_it_home():
     run = flight("battery.charge=0.18", "autopilot.supervisor.battery_low.after=30", duration=90)
-    assert phases(run)[-2:] == ["returning", "returned"] and run.summary["reason"] == "battery low"
+    assert phases(run)[-2:] == ["returning", "returned"] and run.figures["reason"] == "battery low"
     assert np.hypot(*run.log["truth/eta"].values[-1, :2]) < 1.2
 
 
 @pytest.mark.slow
 def test_one_that_is_nearly_empty_brings_it_up():
     run = flight("battery.charge=0.08")
-    assert phases(run)[-1] == "surfaced" and run.summary["reason"] == "battery critical"
+    assert phases(run)[-1] == "surfaced" and run.figures["reason"] == "battery critical"
 
 
 CAUSES = {
@@ -92,7 +92,7 @@ def test_what_is_lost_is_noticed_in_time(fault):
     phase, reason, after = CAUSES[fault]
     limits = ("autopilot.supervisor.operator_silent=10", "autopilot.supervisor.positions_lost=10")
     run = flight(*limits, faults={fault: AT}, duration=35)
-    first = next(one for one in run.summary["decisions"] if "is known to" not in one["what"])
+    first = next(one for one in run.figures["decisions"] if "is known to" not in one["what"])
     assert (first["what"], first["cause"]) == (phase, reason)
     assert AT + after - 1.1 < first["t"] < AT + after + 1.5  # a position comes once a second
 
@@ -102,9 +102,9 @@ def test_nothing_but_the_operator_goes_on():
     requests = [{"at": 33.0, "ask": "resume"}, {"at": 36.0, "ask": "arm"}, {"at": 40.0, "ask": "resume"}]
     limit = "autopilot.supervisor.operator_silent=5"
     run = flight(limit, faults={"operator_silent": (AT, 28.0)}, requests=requests, duration=50)
-    texts = [(one["what"], one["cause"]) for one in run.summary["decisions"]]
+    texts = [(one["what"], one["cause"]) for one in run.figures["decisions"]]
     assert texts == [("held", "operator silent"), ("paused", "operator"), ("goes on (go)", "operator")]
-    assert [round(one["t"]) for one in run.summary["decisions"]] == [20, 36, 40]
+    assert [round(one["t"]) for one in run.figures["decisions"]] == [20, 36, 40]
 
 
 def test_a_pilot_moves_the_set_point():
@@ -122,39 +122,39 @@ def test_a_pilot_moves_the_set_point():
 def test_a_fence_turns_it_back():
     run = flight("autopilot.supervisor.geofence=3", duration=70)
     away = np.hypot(*run.log["truth/eta"].values[:, :2].T)
-    assert run.summary["reason"] == "geofence" and phases(run)[-1] == "returned"
+    assert run.figures["reason"] == "geofence" and phases(run)[-1] == "returned"
     assert away.max() < 4.5 and away[-1] < 1.2
 
 
 @pytest.mark.slow
 def test_a_polygon_turns_it_back():
     run = flight("autopilot.supervisor.geofence.polygon=[[-2, -2], [4, -2], [4, 2], [-2, 2]]", duration=70)
-    assert run.summary["reason"] == "geofence" and run.log["truth/eta"]["x"].max() < 5.0
+    assert run.figures["reason"] == "geofence" and run.log["truth/eta"]["x"].max() < 5.0
 
 
 @pytest.mark.slow
 def test_it_stops_where_the_floor_is_near():
     run = flight("autopilot.supervisor.altitude_limit=1.5", duration=40)  # the floor is at 4 m, the mission at 3 m
-    assert phases(run)[-1] == "held" and run.summary["reason"] == "altitude limit"
+    assert phases(run)[-1] == "held" and run.figures["reason"] == "altitude limit"
     assert depth(run).max() < 3.0
 
 
 @pytest.mark.slow
 def test_the_time_runs_out():
     run = flight("autopilot.supervisor.time_out=20", duration=60)
-    assert run.summary["reason"] == "time out" and run.summary["decisions"][0]["t"] == pytest.approx(20.0, abs=0.2)
+    assert run.figures["reason"] == "time out" and run.figures["decisions"][0]["t"] == pytest.approx(20.0, abs=0.2)
 
 
 def test_a_surge_thruster_that_is_lost_is_named_and_ends_the_mission_at_the_surface():
     run = flight(faults={"surge": 30.0}, duration=70)
-    texts = [one["what"] for one in run.summary["decisions"]]
+    texts = [one["what"] for one in run.figures["decisions"]]
     assert "port_surge no longer used" in texts and phases(run)[-1] == "surfaced"
-    assert run.summary["reason"] == "thruster failed" and run.summary["decisions"][0]["t"] < 40.0
+    assert run.figures["reason"] == "thruster failed" and run.figures["decisions"][0]["t"] < 40.0
 
 
 def test_a_heave_thruster_that_is_lost_changes_nothing_but_the_allocation():
     run = flight("world.net_buoyancy=4.0", faults={"heave": 10.0}, duration=45)
-    assert [one["what"] for one in run.summary["decisions"]] == ["port_heave no longer used"]
+    assert [one["what"] for one in run.figures["decisions"]] == ["port_heave no longer used"]
     health, command = run.log["autopilot/health"]["port_heave"], run.log["autopilot/command"]["port_heave"]
     assert health[-1] == 0.0 and np.all(command[health == 0.0][1:] == 0.0)
     assert abs(depth(run)[-1] - 3.0) < 0.05 and phases(run)[-1] == "go"

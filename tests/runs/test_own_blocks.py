@@ -360,8 +360,8 @@ def test_what_is_no_number_aborts_and_turns_thrusters_off(package):
     command, t = flight.log["autopilot/command"].values, flight.log["autopilot/command"].t
     assert np.isfinite(command).all()
     assert np.abs(command[t < 2.9]).max() > 0.0 and (command[t > 3.05] == 0.0).all()
-    assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED and "not a number" in str(flight.summary["reason"])
-    assert flight.summary["why"] == f"autopilot.controller: own_control:Failing gave {NO_NUMBER} 3.00 s"
+    assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED and "not a number" in str(flight.figures["reason"])
+    assert flight.figures["why"] == f"autopilot.controller: own_control:Failing gave {NO_NUMBER} 3.00 s"
     assert REASONS[NOT_A_NUMBER] == "not a number"
 
 
@@ -413,7 +413,7 @@ def test_a_force_that_is_no_number_is_named(package):
     square = load_scenario("square").model_dump(mode="json")
     world = square["world"] | {"forces": ["own_control:Breeze", "own_control:Gust"]}
     flight = rovtwin.fly(rovtwin.load_scenario(square | {"world": world}, ["duration=8", "log.rate=10"]), say=silent)
-    assert not flight.completed and flight.summary["reason"] == (
+    assert not flight.completed and flight.figures["reason"] == (
         f"world.forces[1]: own_control:Gust gave {NO_NUMBER} 2.02 s"
     )
     assert flight.log["autopilot/mode"].values[-1, 1] == SENSOR_SILENT, "as the page says"
@@ -436,8 +436,8 @@ def test_a_whole_autopilot(package, tmp_path):
 def test_an_observer_whose_estimate_is_no_number_is_named(package):
     section = {"observer": "own_control:Lost", "controller": "springs"}
     flight = rovtwin.fly("square", overrides=QUICK, autopilot=section, say=silent)
-    assert flight.summary["reason"] == "not a number"
-    assert flight.summary["why"].startswith(f"autopilot.observer: own_control:Lost gave {NO_NUMBER} 1.0")
+    assert flight.figures["reason"] == "not a number"
+    assert flight.figures["why"].startswith(f"autopilot.observer: own_control:Lost gave {NO_NUMBER} 1.0")
 
 
 def test_a_whole_autopilot_that_gives_no_number_is_turned_off(package):
@@ -457,7 +457,7 @@ def test_a_whole_autopilot_that_gives_no_number_is_turned_off(package):
     _, u, outputs = ticks(autopilot, run, [ARM, NO_REQUEST], memory)
     assert int(outputs[-1].setpoint.phase) != ABORTED and (u == 1.0).all()
     flight = rovtwin.fly("square", overrides=QUICK, autopilot=mine, say=silent)
-    assert flight.summary["why"] == f"autopilot: own_control:Whole gave {NO_NUMBER} 1.00 s"
+    assert flight.figures["why"] == f"autopilot: own_control:Whole gave {NO_NUMBER} 1.00 s"
     assert flight.log["autopilot/mode"].values[-1, 0] == ABORTED
 
 
@@ -477,3 +477,22 @@ def test_the_command_line_finds_the_file_beside_it(package, tmp_path):
         [sys.executable, "-c", code, *words, "--out", "run"], cwd=tmp_path, env=env, capture_output=True, text=True
     )
     assert done.returncode == 1 and (tmp_path / "run" / "log.mcap").is_file(), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"autopilot": {"type": "model_based", "controller": "own_control:Springs"}}, "autopilot.controller"),
+        ({"world": {"forces": ["own_control:Springs"]}}, r"world.forces\[0\]"),
+        ({"sensors": {"murk": {"kind": "own_control:Springs"}}}, "sensors.murk.kind"),
+    ],
+)
+def test_what_a_console_would_run_is_asked_for_before_it_starts(package, monkeypatch, change, where):
+    from rovtwin.runs.compose.own_blocks import require_own_code
+
+    monkeypatch.setenv(VARIABLE, "")
+    scenario = rovtwin.load_scenario(load_scenario("square").model_dump(mode="json", exclude_unset=True) | change)
+    with pytest.raises(ConfigError, match=f"square: {where}: names code, own_control:Springs"):
+        require_own_code(scenario)
+    monkeypatch.setenv(VARIABLE, "own_control:Springs")
+    require_own_code(scenario)

@@ -169,12 +169,12 @@ def test_whole_missions_have_the_same_verdict_alone_and_in_a_batch(name):
 
 def test_the_log_and_the_summary_of_a_mismatch_hold_what_was_drawn(short, flight, tmp_path):
     """Else nobody could check the intervals of an identification against the vehicle that flew."""
-    assert flight.log.metadata["mismatch"] == "" and flight.summary["mismatch"] is None
+    assert flight.log.metadata["mismatch"] == "" and flight.figures["mismatch"] is None
     scenario = short.model_copy(update={"world": short.world.model_copy(update={"mismatch": MismatchSection()})})
     wrong = fly(scenario, tmp_path / "wrong")
     simulation = compose(scenario)
     data = json.loads(wrong.log.metadata["mismatch"])
-    assert data == wrong.summary["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
+    assert data == wrong.figures["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
     assert (data["mass"], data["thrust"]) == (pytest.approx(1.1), pytest.approx(0.9))
     truth, model = simulation.loop.twin.model, simulation.model
     ratio = truth.quadratic_damping_astern[1, 1] / model.quadratic_damping_astern[1, 1]
@@ -186,8 +186,8 @@ def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):
         "lawnmower_waves", ["autopilot=thesis", "duration=12", "autopilot.supervisor.attitude_limit_deg=0.005"]
     )
     flight = fly(scenario)
-    assert flight.summary["phase"] == "aborted" and flight.summary["reason"] == "attitude limit"
-    assert not flight.completed and flight.summary["duration_s"] < 12
+    assert flight.figures["phase"] == "aborted" and flight.figures["reason"] == "attitude limit"
+    assert not flight.completed and flight.figures["duration_s"] < 12
     assert np.all(flight.log["autopilot/command"].values[-1] == 0.0)
 
 
@@ -203,7 +203,7 @@ def test_a_dead_thruster_is_felt(short):
 
 def test_scores_do_not_depend_on_what_is_logged(flight, short):
     sparse = fly(short.model_copy(update={"log": short.log.model_copy(update={"rate": 1, "sensors": False})}))
-    assert sparse.summary == flight.summary
+    assert sparse.figures == flight.figures
     assert len(sparse.log["truth/eta"]) == 13 and "sensor/gyro" not in sparse.log
 
 

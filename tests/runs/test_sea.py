@@ -183,5 +183,5 @@ def test_where_it_says_that_it_cannot_hold_the_mission_drifts_away(sea):
 def test_where_it_says_that_it_tips_over_the_mission_is_aborted():
     scenario = in_a_sea(0.27, 3.0, 0.3, "double_blueye_thesis")
     assert worst(holdings(compose(scenario))).verdict == "capsizes"
-    summary = fly(scenario, refuse=False).summary
+    summary = fly(scenario, refuse=False).figures
     assert summary["phase"] == "aborted" and summary["reason"] == "attitude limit"

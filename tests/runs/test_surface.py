@@ -27,7 +27,7 @@ SET = (
 @pytest.mark.slow
 def test_from_the_surface_and_back():
     flight = fly(load_scenario("square", SET, seed=2))
-    assert flight.completed, flight.summary["reason"]
+    assert flight.completed, flight.figures["reason"]
     depth = flight.log["truth/eta"].values[:, 2]
     model = compose(load_scenario("square", SET)).model
     assert depth[0] == pytest.approx(afloat(model), abs=0.02) and depth.max() > 0.8

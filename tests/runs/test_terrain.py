@@ -129,4 +129,4 @@ def test_with_the_first_altimeter_silenced_the_second_is_followed():
 def test_the_floor_is_followed(seed):
     """1.6 m of relief, lines at 0.2 m/s."""
     run = fly(load_scenario("terrain_following", seed=seed))
-    assert run.completed and run.summary["altitude_rms_m"] < 0.03
+    assert run.completed and run.figures["altitude_rms_m"] < 0.03

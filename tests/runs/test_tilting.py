@@ -82,5 +82,5 @@ def test_the_angle_is_that_of_munks_moment():
 def test_the_disc_rolls_about_as_far_as_was_predicted(tmp_path):
     path = tmp_path / "disc.yaml"
     path.write_text(yaml.safe_dump(DISC))
-    summary = fly(load_scenario("square", [f"vehicle={path}", ABEAM, "duration=15"])).summary
+    summary = fly(load_scenario("square", [f"vehicle={path}", ABEAM, "duration=15"])).figures
     assert 15.0 < summary["roll_max_deg"] < 1.3 * np.degrees(TILT)

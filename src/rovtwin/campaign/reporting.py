@@ -8,7 +8,7 @@ from typing import Any
 from rovtwin._version import __version__
 from rovtwin.campaign.distributions import Choice
 from rovtwin.campaign.rows import SCORES
-from rovtwin.campaign.run import Session
+from rovtwin.campaign.session import CampaignSession
 from rovtwin.campaign.shares import share_interval
 from rovtwin.campaign.summary import column, failures, numbers_varied, rank_correlation, wall_time
 from rovtwin.core.numerics import jax
@@ -16,12 +16,12 @@ from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.report.studies.campaign import CampaignResult, write_campaign_report
 
 
-def write_report(session: Session) -> Path:
+def write_report(session: CampaignSession) -> Path:
     """Write `report.html` and its figures into the folder of the results."""
     return write_campaign_report(result_of(session), session.folder)
 
 
-def result_of(session: Session) -> CampaignResult:
+def result_of(session: CampaignSession) -> CampaignResult:
     """What the report shows of a session's campaign."""
     campaign, table = session.campaign, session.table
     completed = column(table, "completed") > 0.5
@@ -61,7 +61,7 @@ def _in_words(distribution: Any) -> str:
     return f"{distribution.distribution}: " + ", ".join(f"{name} {value:g}" for name, value in given.items())
 
 
-def _cost(session: Session) -> list[tuple[str, str]]:
+def _cost(session: CampaignSession) -> list[tuple[str, str]]:
     n, table = session.table.num_rows, session.table
     if not n:
         return []

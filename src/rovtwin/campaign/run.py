@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.csv
 
 from rovtwin.campaign.rows import SCORES
 from rovtwin.campaign.samples import scenario_at, tasks
 from rovtwin.campaign.schema import Campaign
+from rovtwin.campaign.session import CampaignSession
 from rovtwin.campaign.store import Store, left_in
 from rovtwin.campaign.workers import Workers
 from rovtwin.core.errors import ConfigError
@@ -46,32 +46,6 @@ class Progress:
         return (self.samples - self.done) * self.seconds / self.flown if self.flown else None
 
 
-@dataclass(frozen=True)
-class Session:
-    """What a session left.
-
-    Attributes:
-        folder: Of the results.
-        campaign: Complete.
-        table: All rows of the campaign's samples, those of earlier sessions too.
-        flown: Number of samples that this session flew.
-        wall_s: How long it took [s].
-        by: Who flew.
-    """
-
-    folder: Path
-    campaign: Campaign
-    table: pa.Table
-    flown: int
-    wall_s: float
-    by: str
-
-    @property
-    def whole(self) -> bool:
-        """Whether all samples are flown."""
-        return self.table.num_rows == self.campaign.samples
-
-
 def usual_lanes() -> int:
     """One after the other on a processor, where side by side is no faster (docs/campaigns.md); else many."""
     return 1 if jax.default_backend() == "cpu" else SIDE_BY_SIDE
@@ -97,7 +71,7 @@ def run_campaign(
     workers: AbstractContextManager[Workers],
     lanes: int | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
-) -> Session:
+) -> CampaignSession:
     """Fly what is not flown yet.
 
     Args:
@@ -135,10 +109,12 @@ def run_campaign(
         table = store.gather()
     # An earlier session may have flown more samples than this one asks for.
     table = table.slice(0, int(np.searchsorted(table["index"].to_numpy(), campaign.samples)))
-    return Session(folder, campaign, table, flown, time.monotonic() - began, "" if crew is None else crew.description)
+    return CampaignSession(
+        folder, campaign, table, flown, time.monotonic() - began, "" if crew is None else crew.description
+    )
 
 
-def write_csv(session: Session) -> Path:
+def write_csv(session: CampaignSession) -> Path:
     """The table as `samples.csv` beside the Parquet file."""
     path = session.folder / "samples.csv"
     with whole(path) as beside:

@@ -19,8 +19,9 @@ from rovtwin.live.connect import on_this_machine
 from rovtwin.live.flight import fly_live
 from rovtwin.live.manoeuvres import Cue
 from rovtwin.live.readiness import Readiness
-from rovtwin.planning.experiments import BOLLARD, Plan, plan_tests
-from rovtwin.runs.fly import Flight
+from rovtwin.planning.experiments import BOLLARD, plan_tests
+from rovtwin.planning.plan import Plan
+from rovtwin.runs.flight import Flight
 from rovtwin.vehicle import load_vehicle
 
 PART = 4.0  # of a part [min]: long enough to tell something, short enough to learn from before the next
@@ -163,7 +164,7 @@ class _Excitation:
 
     def _judged(self, flight: Flight, number: int) -> Check | None:
         """What became of a part; a reason to stop, None where the next may come."""
-        summary, what = flight.summary, f"part {number}"
+        summary, what = flight.figures, f"part {number}"
         flown = float(summary.get("duration_s") or 0.0)
         self.seconds += flown
         if summary["completed"]:

@@ -22,7 +22,7 @@ from rovtwin.core.log import Log
 from rovtwin.core.user_files.config import parse
 from rovtwin.live.flight import fly_live
 from rovtwin.runs.compose.composition import compose, vehicle_of
-from rovtwin.runs.fly import Flight
+from rovtwin.runs.flight import Flight
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.constants import AXES
@@ -125,7 +125,7 @@ def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | Non
         )
     if any(note.verdict == "stop" for note in notes):
         return None, notes
-    if flight.summary["reason"] == "not armed":
+    if flight.figures["reason"] == "not armed":
         fix = "Repeat this stage when the vehicle may move."
         return None, [*notes, Check("stop", "flight", "not flown: it was not confirmed.", fix)]
     return flight, notes
@@ -148,10 +148,10 @@ def _fenced(work: Work, scenario: Scenario) -> Scenario:
 
 def _judged(work: Work, made: Prediction, flight: Flight) -> tuple[list[Check], dict[str, Any]]:
     """Each axis of path and effort against its band, with the figure."""
-    track, completed = _track_of_log(flight.log), bool(flight.summary["completed"])
+    track, completed = _track_of_log(flight.log), bool(flight.figures["completed"])
     checks: list[Check] = []
     if not completed:
-        reason = flight.summary["reason"] or "not finished"
+        reason = flight.figures["reason"] or "not finished"
         fix = "Look at the log, then repeat this stage."
         checks.append(Check("stop", "flight", f"the mission was not completed: {reason}.", fix))
     if track is None:

@@ -22,7 +22,7 @@ from rovtwin.core.trust import is_address
 from rovtwin.core.user_files.yamlfile import near
 
 BLOCKS, LINKS, READERS = "rovtwin.blocks", "rovtwin.links", "rovtwin.readers"
-OWN_SENSORS = "rovtwin.sensors"
+OWN_SENSORS, EVIDENCE, VIEWS = "rovtwin.sensors", "rovtwin.evidence", "rovtwin.views"
 
 
 def installed(group: str) -> dict[str, EntryPoint]:

@@ -61,8 +61,8 @@ def require(address: str, where: str) -> None:
     given = [one.strip() for one in consent().split(",")]
     if ALL not in given and address not in given:
         raise ConfigError(
-            f"{where}: names code, {address}, which would be run on this machine: a scenario's file runs code only "
-            f"with your consent. Read the module {module} first; then rovtwin {OPTION} COMMAND .. (or the environment "
+            f"{where}: names code, {address}, which would be run on this machine: a file runs code only with "
+            f"your consent. Read the module {module} first; then rovtwin {OPTION} COMMAND .. (or the environment "
             f"variable {VARIABLE}=1) consents to all code that files name, {VARIABLE}={address} to this alone; what "
             "--set or Python names needs none"
         )

@@ -16,7 +16,7 @@ from rovtwin.demo.camera import film_and_identify
 from rovtwin.demo.payload import Refitted, refit_and_identify
 from rovtwin.report import write_comparison
 from rovtwin.report.parts.tables import Table
-from rovtwin.runs.fly import Flight
+from rovtwin.runs.flight import Flight
 from rovtwin.runs.under_way import remove_unfinished, under_way
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
@@ -68,7 +68,7 @@ def run_demo(
         "run_dir": str(folder),
         "camera": seen,
         "payload": payload.summary,
-        "runs": {label: flight.summary | {"run_dir": str(flight.folder)} for label, flight in flights.items()},
+        "runs": {label: flight.figures | {"run_dir": str(flight.folder)} for label, flight in flights.items()},
     }
 
 
@@ -86,7 +86,7 @@ def _steps(
         scenario = load_scenario(name, overrides)
         with under_way(folder / scenario.name):
             flights[label] = fly(scenario, folder / scenario.name, truth)
-            if flights[label].summary["interrupted"]:
+            if flights[label].figures["interrupted"]:
                 raise KeyboardInterrupt
 
     # Half of the first run is compiling, on one core: what needs no flight of these goes on beside them.
@@ -138,7 +138,7 @@ def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
         (
             "Time to finish",
             "no number; in waves much more than in calm water (8.3)",
-            lambda f: ("" if f.completed else "not within ") + f"{f.summary['duration_s']:.0f} s",
+            lambda f: ("" if f.completed else "not within ") + f"{f.figures['duration_s']:.0f} s",
             "1.5 N/m of surge gain makes the approach slow: the vehicle has 20 N and uses few of them.",
         ),
         (
@@ -168,7 +168,7 @@ def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
         (
             "Estimate",
             "tracks the truth very well (7.3)",
-            lambda f: f"{max(f.summary['position_error_rms_m']):.2f} m rms, NEES {f.summary['nees_position_mean']:.1f}",
+            lambda f: f"{max(f.figures['position_error_rms_m']):.2f} m rms, NEES {f.figures['nees_position_mean']:.1f}",
             "NEES of the position is 2 on average for a filter that knows its own error.",
         ),
     ]
@@ -176,7 +176,7 @@ def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
 
 
 def _number(flight: Flight, key: str, unit: str) -> str:
-    value = flight.summary[key]
+    value = flight.figures[key]
     return "none" if value is None else f"{value:.2f} {unit}"
 
 

@@ -48,6 +48,7 @@ from rovtwin.identification.joint.result.payload import predicted_change, prior_
 from rovtwin.identification.joint.result.scale import scale_response, with_scale
 from rovtwin.identification.joint.solver.options import Options
 from rovtwin.identification.logs.record import Record
+from rovtwin.identification.own_evidence import about_own
 from rovtwin.identification.result import Identification
 from rovtwin.identification.structure import (
     ALL,
@@ -90,7 +91,7 @@ def identify(
         validate: Tests that are predicted, never fitted.
         free: Patterns of parameter names; empty: all that a test could tell (see `default_free`).
         prior: By pattern, in place of the default widths (see `default_prior`).
-        anchors: Bollard pulls and towing tables (see `anchors`).
+        anchors: Bollard pulls, towing tables and evidence of one's own (see `anchors`).
         old: An earlier identification, of these parts or of others.
         options: See `Options`.
         progress: Told what is being done.
@@ -168,7 +169,7 @@ def identify(
     findings += about_equal_thrusters(parameters, theta, C) + about_odd_values(parameters, theta, tested)
     findings += about_gain(parameters, start, theta, records)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
-    findings += lines_about(ladder)
+    findings += lines_about(ladder) + about_own(anchors)
     findings += (
         about_mounting(parameters, theta, C)
         + about_inflow(parameters, theta)

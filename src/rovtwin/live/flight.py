@@ -29,7 +29,8 @@ from rovtwin.runs.compose.fit_experiment import fitted_test
 from rovtwin.runs.compose.fitting import assumptions, fitted
 from rovtwin.runs.compose.sensors import rotated
 from rovtwin.runs.feasibility.mission import foreseen
-from rovtwin.runs.fly import Flight, Progress, new_folder
+from rovtwin.runs.flight import Flight
+from rovtwin.runs.fly import Progress, new_folder
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.runs.pace import Clock, Pace
 from rovtwin.runs.realtime import HostAutopilot

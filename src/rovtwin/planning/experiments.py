@@ -8,7 +8,7 @@ it is assumed to be. What each would tell about the parameters follows from the 
 import math
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -22,7 +22,7 @@ from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.experiment import mixing
 from rovtwin.gnc.safety.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.identification.experiment.choice import Expected, choose_tests, expected, identified, variance_ratio
+from rovtwin.identification.experiment.choice import choose_tests, expected, variance_ratio
 from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.model.catalogue import catalogue, choose
@@ -32,6 +32,7 @@ from rovtwin.identification.joint.model.prior import default_prior
 from rovtwin.identification.joint.result.payload import prior_from
 from rovtwin.identification.logs.record import Record
 from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
+from rovtwin.planning.plan import Plan
 from rovtwin.planning.rehearsal import Rehearsed, rehearse
 from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
 from rovtwin.planning.tank import MOTION_CAPTURE, Tank
@@ -40,7 +41,7 @@ from rovtwin.runs.compose.experiment import pieces_of, spans_of
 from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.experiment import AXES
-from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.physics.actuation import wrench_limits
 
 BOLLARD = 0.02  # full thrust is known to, before the test
@@ -50,40 +51,6 @@ NOBODY = "releases left out: nobody tilts the vehicle; its damping in roll and p
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A test that is laid out.
-
-    Attributes:
-        scenario: To fly.
-        expected: What it should tell.
-        thesis: Standard deviations after the thesis's steady steps, in open water, in the same time, shape (n,).
-        ratio: Geometric mean of the variances over the thesis's, of what at least one of both identifies.
-        flown: As the twin flies it: times, path, commands.
-        room: Between hull and walls on that path [m].
-        candidates: How many there were, and how many fitted the tank and the attitude limit.
-        manoeuvres: Chosen, in words, in order.
-        notes: What the vehicle or the tank does not let the test do, in words.
-        model: Of the vehicle as it is assumed to be.
-    """
-
-    scenario: Scenario
-    expected: Expected
-    thesis: np.ndarray
-    ratio: float
-    flown: Rehearsed
-    room: float
-    candidates: tuple[int, int]
-    manoeuvres: list[str]
-    notes: list[str]
-    model: Model
-
-    @property
-    def known(self) -> np.ndarray:
-        """Which parameters the plan or the steady steps identify, shape (n,), bool."""
-        return identified(self.expected.plan, self.thesis, self.expected.prior)
 
 
 def write_plan(plan: Plan, path: pathlib.Path) -> None:

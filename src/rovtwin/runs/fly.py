@@ -3,11 +3,10 @@
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +15,13 @@ from rovtwin.core.errors import ConfigError, exists_already
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Channel, Log, LogWriter
 from rovtwin.core.log.files import keeping
-from rovtwin.core.notebook import html_table
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.runs.compose.composition import Simulation, compose
 from rovtwin.runs.compose.fitting import assumptions
 from rovtwin.runs.compose.sensors import assumed_sensors
 from rovtwin.runs.feasibility.mission import foreseen
+from rovtwin.runs.flight import Flight
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.runs.loop import SHORT, Record
 from rovtwin.runs.recording.channels import log_channels
@@ -30,60 +29,13 @@ from rovtwin.runs.recording.filming import Filming
 from rovtwin.runs.recording.provenance import provenance, scenario_to_replay
 from rovtwin.runs.recording.recorder import Recorder
 from rovtwin.runs.run import chunks, realtime_chunks
-from rovtwin.runs.scoring.figures import rows
 from rovtwin.runs.scoring.scores import Flown, distance_to_leg, nees
 from rovtwin.runs.scoring.summary import summarise
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 Progress = Callable[[float, str], None]  # simulated time [s], phase
-
-
-@dataclass(frozen=True, repr=False)
-class Flight:
-    """A run that is over.
-
-    Attributes:
-        scenario: What was flown.
-        folder: Where everything of it lies, None if nothing was written.
-        log: All channels.
-        summary: Figures, verdict and reason (see `scoring`); `log["truth/eta"].to_xarray()` is a channel.
-    """
-
-    scenario: Scenario
-    folder: Path | None
-    log: Log
-    summary: dict[str, Any]
-
-    @property
-    def completed(self) -> bool:
-        return bool(self.summary["completed"])
-
-    def plot(self) -> "Axes":
-        """The path over ground: commanded, estimated, true."""
-        from rovtwin.report.flight import Flight as Recorded
-        from rovtwin.report.run.path import path
-
-        return path(Recorded(self.log)).axes[0]
-
-    def __repr__(self) -> str:
-        """One line, as a notebook shows it."""
-        return f"<Flight of {self.scenario.name}, seed {self.scenario.seed}: {self._verdict}>"
-
-    def _repr_html_(self) -> str:
-        """Verdict and figures, as a notebook shows them."""
-        notes = [str(self.summary[key]) for key in ("why", "judged_by") if self.summary.get(key)]
-        notes += [f"in {self.folder}"] if self.folder else []
-        title = f"{self.scenario.name}, seed {self.scenario.seed}: {self._verdict}"
-        return html_table(title, rows(self.summary), notes)
-
-    @property
-    def _verdict(self) -> str:
-        return "completed" if self.completed else f"not completed: {self.summary['reason']}"
 
 
 def fly(

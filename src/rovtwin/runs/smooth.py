@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.log import Channel, Log
+from rovtwin.core.notebook import axes_of
+from rovtwin.core.notebook.face import Row
 from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.stored import Stored
 from rovtwin.gnc.navigation.smoother import Smoothed, smooth
 from rovtwin.gnc.navigation.tuning import SENSOR_STD
 from rovtwin.runs.compose.autopilot import navigation_filter
@@ -22,22 +25,81 @@ from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
 from rovtwin.vehicle.physics.model import Model
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
+
 NEEDED = ("sensor/position", "sensor/attitude")
 
 
-@dataclass(frozen=True)
-class SmoothedRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class SmoothedRun(Stored):
     """A smoothed track, the log that holds it, and its errors where the log has the truth.
 
     Attributes:
         track: See `Smoothed`.
         log: Channels `smoothed/*`.
         errors: rms north and east [m] of filter and smoother, shape (2, 2); None without the truth.
+
+    Example:
+        >>> rovtwin.smooth("runs/survey")  # doctest: +SKIP
+        <SmoothedRun: 412.0 s, rms 0.061 m (filter: 0.182 m)>
     """
 
     track: Smoothed
     log: Log
     errors: np.ndarray | None
+
+    def __repr__(self) -> str:
+        """One line, as a notebook shows it."""
+        rms = ""
+        if self.errors is not None:
+            filtered, smoothed = np.linalg.norm(self.errors, axis=1)
+            rms = f", rms {smoothed:.3f} m (filter: {filtered:.3f} m)"
+        return f"<SmoothedRun: {self.log.duration:.1f} s{rms}>"
+
+    def figures_table(self) -> list[Row]:
+        """Duration, standard deviation, and errors where the truth is known.
+
+        Example:
+            >>> rovtwin.smooth("runs/survey").figures_table()[0]  # doctest: +SKIP
+            ('duration', 412.0, 's')
+        """
+        std = np.sqrt(np.mean(self.track.std[:, :3] ** 2, axis=0)).tolist()
+        found: list[Row] = [("duration", self.log.duration, "s"), ("sd, north / east / down, rms", std, "m")]
+        if self.errors is not None:
+            names = ("error of the filter, north / east, rms", "error of the smoother, north / east, rms")
+            found += [(name, row.tolist(), "m") for name, row in zip(names, self.errors, strict=True)]
+        return found
+
+    def to_xarray(self) -> "xarray.DataTree":
+        """A tree of the channels `smoothed/*`, see `Log.to_xarray`.
+
+        Example:
+            >>> rovtwin.smooth("runs/survey").to_xarray()["smoothed/eta/x"]  # doctest: +SKIP
+        """
+        return self.log.to_xarray()
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Its channels side by side, see `Log.to_pandas`.
+
+        Example:
+            >>> rovtwin.smooth("runs/survey").to_pandas()["smoothed/eta", "x"]  # doctest: +SKIP
+        """
+        return self.log.to_pandas()
+
+    def plot(self) -> "Axes":
+        """The path from above, of the filter and smoothed.
+
+        Example:
+            >>> rovtwin.smooth("runs/survey").plot().figure.savefig("track.png")  # doctest: +SKIP
+        """
+        axes = axes_of("East [m]", "North [m]", equal=True)
+        axes.plot(self.track.filtered[:, 1], self.track.filtered[:, 0], color="#56B4E9", linewidth=0.9, label="filter")
+        axes.plot(self.track.eta[:, 1], self.track.eta[:, 0], color="#0072B2", label="smoothed")
+        axes.legend(frameon=False, fontsize=8)
+        return axes
 
 
 def smooth_run(path: Path) -> SmoothedRun:

@@ -1,4 +1,4 @@
-"""The contracts of Blocks, sensors, Links and Sources as tests of one's own can run them; ours run the same.
+"""The contracts of Blocks, sensors, evidence, Links, Sources and views for tests of one's own; ours run the same.
 
     from rovtwin.testing import check_block, recorded_inputs
 
@@ -9,19 +9,24 @@ What fails raises an AssertionError that says which clause, of what, and by how 
 """
 
 from rovtwin.testing.block import BlockContract, check_block
+from rovtwin.testing.evidence import check_evidence
 from rovtwin.testing.link import LinkRig, check_link
 from rovtwin.testing.recorded import recorded_inputs
 from rovtwin.testing.sensor import check_sensor, sensor_inputs
 from rovtwin.testing.source import SourceRig, check_source
+from rovtwin.testing.view import check_view, view_states
 
 __all__ = [
     "BlockContract",
     "LinkRig",
     "SourceRig",
     "check_block",
+    "check_evidence",
     "check_link",
     "check_sensor",
     "check_source",
+    "check_view",
     "recorded_inputs",
     "sensor_inputs",
+    "view_states",
 ]

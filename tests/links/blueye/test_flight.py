@@ -110,14 +110,14 @@ def test_a_small_lawnmower_over_the_protocol(flown):
     flight = found["mission"]
     # Both ends' worst hundredth in the clock that they share: a twin that stalls is as bad as an autopilot that does.
     twin_late = 6.0 * float(re.search(r"([\d.]+) ms \(99 %\)", text)[1])
-    late = max(flight.summary["late_ms_p99"], twin_late)
+    late = max(flight.figures["late_ms_p99"], twin_late)
 
     def unless_busy(well: bool) -> bool:
         if not well and late > BUSY:
             pytest.skip(f"at six times real time ticks came {late:.0f} ms late (99 %): the machine is too busy to fly")
         return well
 
-    assert unless_busy(flight.completed), flight.summary["reason"]
+    assert unless_busy(flight.completed), flight.figures["reason"]
     eta, leg, mode = truth["truth/eta"], flight.log["autopilot/leg"], flight.log["autopilot/mode"]
     # Depth tells how the two clocks lie: 1 mm of noise against 1.5 m of dive.
     estimated = flight.log["autopilot/eta"]
@@ -144,7 +144,7 @@ def test_the_whole_lawnmower_in_real_time_and_before_it_five_seconds_without_thr
     found, truth, _ = flights(tmp_path, expected, 1.0)
     flight = found["whole"]
     assert flight.completed
-    assert flight.summary["late_ms_p99"] < 5.0
+    assert flight.figures["late_ms_p99"] < 5.0
     idle = found["idle"].log
     assert np.abs(idle["autopilot/command"].values).max() > 0.1 and not idle["host/timing"]["thrust_on"].any()
     command = truth["truth/command"]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -11,7 +11,16 @@ from rovtwin.campaign.tuning.cost import TERMS, Cost, terms_of
 from rovtwin.campaign.tuning.flights import Figures
 from rovtwin.campaign.tuning.parameters import Tunable, start_of, value_of
 from rovtwin.campaign.tuning.search import Search
+from rovtwin.core.extras import require
+from rovtwin.core.notebook import axes_of, labelled
+from rovtwin.core.notebook.face import Row
+from rovtwin.core.stored import Stored
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -71,9 +80,9 @@ class Judged:
         return self.change[2] < 0
 
 
-@dataclass(frozen=True, eq=False)
-class Tuned:
-    """What came out.
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuned(Stored):
+    """What came out of a tuning.
 
     Attributes:
         request: What was asked for.
@@ -86,6 +95,10 @@ class Tuned:
         influence: By parameter: cost on the search's plants with this one put back, less that of the tuned one.
         held_out: The verdict.
         seconds: Wall time by step [s].
+
+    Example:
+        >>> rovtwin.tune("lawnmower_calm", budget=120.0)  # doctest: +SKIP
+        <Tuned autopilot of lawnmower_calm: 12 parameters, cost -0.210 on held-out vehicles, better>
     """
 
     request: TuningRequest
@@ -98,6 +111,89 @@ class Tuned:
     influence: dict[str, float]
     held_out: Judged
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """One line, as a notebook shows it."""
+        change = f"cost {self.held_out.change[0]:+.3f} on held-out vehicles"
+        verdict = "better" if self.held_out.better else "no proven gain"
+        return (
+            f"<Tuned autopilot of {self.request.scenario.name}: {len(self.request.tunables)} parameters, {change}, "
+            f"{verdict}>"
+        )
+
+    def figures_table(self) -> list[Row]:
+        """Costs, their change on held-out flights, and each parameter before and after.
+
+        Example:
+            >>> rovtwin.tune("lawnmower_calm", budget=120.0).summary()  # doctest: +SKIP
+        """
+        change, low, high = self.held_out.change
+        head: list[Row] = [
+            ("autopilots tried", len(self.search.costs), ""),
+            ("chosen", self.chosen[0], ""),
+            ("cost on the choosing plants, before / after", [float(x) for x in self.chosen[1:]], ""),
+            ("change of the held-out cost", change, ""),
+            ("  its 95 % interval", [low, high], ""),
+            ("held-out flights", len(self.held_out.seas), ""),
+            ("wall time", float(sum(self.seconds.values())), "s"),
+        ]
+        units = {one.name: one.unit for one in self.request.tunables}
+        return head + [(f"{name}, before / after", list(both), units[name]) for name, both in self.values().items()]
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A row for each parameter: unit, before, after, influence on the cost.
+
+        Example:
+            >>> rovtwin.tune("lawnmower_calm", budget=120.0).to_pandas()["after"]  # doctest: +SKIP
+        """
+        require("pandas", "notebook", "Tuned.to_pandas")
+        import pandas
+
+        units = {one.name: one.unit for one in self.request.tunables}
+        rows = [(units[n], *both, self.influence.get(n, np.nan)) for n, both in self.values().items()]
+        return pandas.DataFrame(
+            rows, pandas.Index(list(units), name="parameter"), ["unit", "before", "after", "influence"]
+        )
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The search by `evaluation`, the parameters by `parameter`, the held-out costs by `flight`.
+
+        Example:
+            >>> rovtwin.tune("lawnmower_calm", budget=120.0).to_xarray().held_out_after  # doctest: +SKIP
+        """
+        both = np.reshape(list(self.values().values()), (-1, 2))
+        names = [one.name for one in self.request.tunables]
+        variables: dict[str, Any] = {
+            "cost": (("evaluation",), np.array(self.search.costs, float), "1"),
+            "generation": (("evaluation",), np.array(self.search.generations, int), "1"),
+            "tried": (
+                ("evaluation", "parameter"),
+                np.exp(np.reshape(self.search.points, (-1, len(names)))),
+                "see unit",
+            ),
+            "before": (("parameter",), both[:, 0], "see unit"),
+            "after": (("parameter",), both[:, 1], "see unit"),
+            "unit": (("parameter",), [one.unit for one in self.request.tunables], "1"),
+            "held_out_before": (("flight",), np.asarray(self.held_out.cost_before), "1"),
+            "held_out_after": (("flight",), np.asarray(self.held_out.cost_after), "1"),
+            "sea": (("flight",), list(self.held_out.seas), "1"),
+        }
+        counts = {"evaluation": len(self.search.costs), "flight": len(self.held_out.seas)}
+        places = {name: np.arange(n) for name, n in counts.items()} | {"parameter": names}
+        return labelled("Tuned.to_xarray", variables, places, {"scenario": self.request.scenario.name})
+
+    def plot(self) -> "Axes":
+        """Cost of every autopilot that was tried, and the best so far.
+
+        Example:
+            >>> rovtwin.tune("lawnmower_calm", budget=120.0).plot().figure.savefig("search.png")  # doctest: +SKIP
+        """
+        axes, costs = axes_of("Autopilots tried", "Cost, of the hand-tuned one"), np.array(self.search.costs, float)
+        axes.plot(costs, ".", color="#8c8c8c", label="tried")
+        axes.plot(np.minimum.accumulate(costs), color="#0072B2", label="best so far")
+        axes.axhline(self.start_cost, color="#D55E00", linestyle=(0, (4, 2)), label="before")
+        axes.legend(frameon=False, fontsize=8)
+        return axes
 
     def values(self) -> dict[str, tuple[float, float]]:
         """Parameters by name: before and after."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PORT = 8800
 SCENARIO = "lawnmower_calm"
+MOST_VIEWS = 6  # of one's own: each is a process
 
 
 def console(
@@ -42,6 +43,12 @@ def console(
     speed: Annotated[
         float, typer.Option(min=0.1, max=50.0, help="Speed of simulated time; it can be changed later.")
     ] = 1.0,
+    view: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--view", metavar="VIEW", help="A view of your own: package.module:Name, or an installed one; several."
+        ),
+    ] = None,
     runs: Annotated[Path, typer.Option(help="Folder for the logs of flights.")] = Path("runs"),
     replay: Annotated[
         Path | None,
@@ -68,6 +75,7 @@ def console(
     from rovtwin.runs.trimmed import trimmed
     from rovtwin.scenario.files import load_scenario
 
+    views = _views(view or [])
     screen = screen_of(False)
     token = None if host in LOOPBACK else secrets.token_urlsafe(12)
     address = f"http://{host}:{port}/{f'?token={token}' if token else ''}"
@@ -75,8 +83,13 @@ def console(
         from rovtwin.console.replays.replay import Recording
 
         if link != "twin://" or sensor or camera:
-            raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link, --sensor and --camera")
-        given = {scenario: scenario != SCENARIO, "--set": bool(overrides), "--seed": seed is not None}
+            raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link, --sensor, --camera")
+        given = {
+            scenario: scenario != SCENARIO,
+            "--view": bool(view),
+            "--set": bool(overrides),
+            "--seed": seed is not None,
+        }
         refuse_idle(
             given | {"--speed": speed != 1.0}, f"--replay {replay} shows a run as it was; its speed is the page's"
         )
@@ -114,11 +127,28 @@ def console(
                     f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False
                 )
             screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-            build(place, Gate(host, token), loaded, runs, link == "twin://", camera or camera_of(link))
+            build(place, Gate(host, token), loaded, runs, link == "twin://", camera or camera_of(link), views)
             _serve(host, port, address if browser else "")
         finally:
             end(place)
             gc.freeze()  # or Python would look through all there is once more before it ends: a second
+
+
+def _views(views: list[str]) -> list[str]:
+    """Views of one's own, seen to be there; what the command line names may be run.
+
+    Raises:
+        ConfigError: One is not there, or there are too many.
+    """
+    from rovtwin.core.plugins import VIEWS, require_there
+    from rovtwin.core.trust import consent_to_addresses
+
+    if len(views) > MOST_VIEWS:
+        raise ConfigError(f"--view: found {len(views)}, expected at most {MOST_VIEWS}")
+    consent_to_addresses(views)
+    for one in views:
+        require_there(one, VIEWS, "--view")
+    return views
 
 
 def _sized(loaded: "Scenario") -> "Scenario":
@@ -131,17 +161,19 @@ def _sized(loaded: "Scenario") -> "Scenario":
 
 
 def _require_flyable(scenario: "Scenario", link: str) -> None:
-    """Raise ConfigError for what the page could only say much later: a link that there is not, a mission in a wall.
+    """Raise ConfigError for what the page could only say much later: no such link or code, a mission in a wall.
 
     Nor is one begun that the vehicle cannot fly at all; the water of a real one is not the scenario's.
     """
     from rovtwin.live.connect import opener
     from rovtwin.runs.compose.composition import keys_of, vehicle_of
     from rovtwin.runs.compose.inside import require_inside
+    from rovtwin.runs.compose.own_blocks import require_own_code
     from rovtwin.runs.compose.world import plant_of
     from rovtwin.runs.feasibility.mission import require_feasible
     from rovtwin.runs.pace import Clock
 
+    require_own_code(scenario)
     vehicle, twin = vehicle_of(scenario), link == "twin://"
     model = vehicle.model()
     require_inside(scenario, model)

@@ -56,7 +56,7 @@ def fly(
         given = {"--realtime": realtime, "--camera": camera, "--film": film}
         refuse_idle(given, "with --link the vehicle, its time and its cameras are not computed here")
         flight = fly_link(loaded, link, sensor or [], screen, out=out, thrust=thrust, armed=arm, speed=speed)
-        if report and flight.summary.get("duration_s"):
+        if report and flight.figures.get("duration_s"):
             _report_beside(flight.log, flight.folder)
         _closing_table(flight, screen)
     elif sensor or not thrust or arm or speed != 1.0:
@@ -143,7 +143,7 @@ def _report_beside(log: "Log", folder: Path) -> None:
 
 
 def _closing_table(flight: Any, screen: Console) -> None:
-    summary = flight.summary
+    summary = flight.figures
     done = "test done" if summary.get("test") else "completed"
     from rovtwin.core.flow import FAIL_SAFE_PHASES
     from rovtwin.report.run.verdict import overconfident
@@ -190,7 +190,7 @@ def flight_object(flight: Any) -> dict[str, Any]:
     return {
         "scenario": flight.scenario.name,
         "seed": flight.scenario.seed,
-        **flight.summary,
+        **flight.figures,
         "run_dir": str(flight.folder),
         "files": files,
     }

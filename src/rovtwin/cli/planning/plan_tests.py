@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 
 if TYPE_CHECKING:
-    from rovtwin.planning.experiments import Plan
+    from rovtwin.planning.plan import Plan
 
 
 def plan_tests(

@@ -15,8 +15,9 @@ from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, tabl
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rovtwin.campaign.run import Progress, Session
+    from rovtwin.campaign.run import Progress
     from rovtwin.campaign.schema import Campaign
+    from rovtwin.campaign.session import CampaignSession
     from rovtwin.campaign.workers import Workers
 
 SHOWN = 20
@@ -80,7 +81,7 @@ def campaign(
     raise typer.Exit(DONE if session.whole and _some_flew(session) else FAILED)
 
 
-def _some_flew(session: "Session") -> bool:
+def _some_flew(session: "CampaignSession") -> bool:
     from rovtwin.campaign.summary import refused
 
     return refused(session.table) < session.table.num_rows
@@ -101,7 +102,9 @@ def _workers(
     return on_this_machine(workers or min(cores_here(), samples))
 
 
-def _run(plan: "Campaign", folder: Path, crew: "AbstractContextManager[Workers]", lanes: int | None) -> "Session":
+def _run(
+    plan: "Campaign", folder: Path, crew: "AbstractContextManager[Workers]", lanes: int | None
+) -> "CampaignSession":
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"))
     with Bar(*columns, console=console(True), transient=True) as bar:
         task = bar.add_task(f"{plan.name}: checking the samples", total=plan.samples, pace="")
@@ -128,7 +131,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _write(session: "Session", csv: bool, report: bool) -> dict[str, str]:
+def _write(session: "CampaignSession", csv: bool, report: bool) -> dict[str, str]:
     from rovtwin.campaign.run import write_csv
     from rovtwin.core.log.files import keeping
 
@@ -143,7 +146,7 @@ def _write(session: "Session", csv: bool, report: bool) -> dict[str, str]:
     return {name: str(path) for name, path in files.items()}
 
 
-def _say(session: "Session", files: dict[str, str], as_json: bool) -> None:
+def _say(session: "CampaignSession", files: dict[str, str], as_json: bool) -> None:
     from rovtwin.campaign.summary import failures, summarise
 
     summary = summarise(session.campaign, session.table)
@@ -180,7 +183,7 @@ def _say(session: "Session", files: dict[str, str], as_json: bool) -> None:
         screen.print(f"wrote {path}", markup=False, soft_wrap=True)
 
 
-def _replay(session: "Session", index: int) -> str:
+def _replay(session: "CampaignSession", index: int) -> str:
     return f"rovtwin fly --replay {session.folder}/{index}"
 
 

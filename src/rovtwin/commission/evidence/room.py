@@ -10,7 +10,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import jax
 from rovtwin.live.connect import on_this_machine
-from rovtwin.planning.experiments import Plan
+from rovtwin.planning.plan import Plan
 from rovtwin.planning.tank import Tank
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.experiment import pieces_of

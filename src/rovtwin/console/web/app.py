@@ -3,7 +3,7 @@
 import asyncio
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
 from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
+from rovtwin.console.web.own_views import OwnViews
 from rovtwin.console.web.page import page
 from rovtwin.console.web.replays.routes import add_replay
 from rovtwin.console.web.sockets import serve
@@ -32,7 +33,15 @@ BACKLOG = 8  # connections that are let in between two looks at those there are:
 SWITCH = 1e-3  # until another thread may go on; by default five times as long, as often as there are threads [s]
 
 
-def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: bool, camera: str | None = None) -> Hub:
+def build(
+    place: Place,
+    gate: Gate,
+    scenario: Scenario,
+    runs: Path,
+    is_twin: bool,
+    camera: str | None = None,
+    views: Sequence[str] = (),
+) -> Hub:
     """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle.
 
     Args:
@@ -42,8 +51,10 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
         runs: Folder of finished runs, which can be replayed.
         is_twin: Whether the vehicle is computed.
         camera: Address of the vehicle's camera stream, if it has one.
+        views: Addresses or entry points of views of one's own.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
+    own = OwnViews(hub, views)
     try:
         stream = Stream(feed_of(scenario, vehicle, is_twin, place.news, camera), "", hub.send, hub.keep)
     except ConfigError as error:
@@ -84,10 +95,11 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
 
     @ui.page("/", title="rovtwin")
     def index() -> None:
-        page(is_test=scenario.test is not None)
+        page(is_test=scenario.test is not None, own=own.names)
 
     tasks: list[asyncio.Task[None]] = []
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
+    app.on_startup(lambda: tasks.append(asyncio.create_task(own.run())))
     if scenario.test is not None:
         assessing = Assessing(hub, scenario, vehicle)
         app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))

@@ -129,6 +129,11 @@ class Hub:
             self.say("warning", f"{browser.name} left, who was in control: the operator watchdog counts")
         self.tell_rights()
 
+    @property
+    def pages(self) -> int:
+        """How many are open."""
+        return len(self._browsers)
+
     def send(self, message: dict[str, Any]) -> None:
         """A message to all."""
         self._hand_on(self._text(message))

@@ -1,6 +1,7 @@
 """The page: what is always visible on top, two views beside each other, a panel to act in, thrusters and log below."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from html import escape
 
 from nicegui import ui
 
@@ -11,8 +12,8 @@ from rovtwin.console.web.panels.thrusters import thrusters
 Filler = Callable[[], None]
 
 
-def page(is_test: bool = False) -> None:
-    """Build it, for missions or for a test."""
+def page(is_test: bool = False, own: Sequence[str] = ()) -> None:
+    """Build it, for missions or for a test; `own` are the names of views of one's own."""
     forms = {"Plan": "plan", "Pilot": "pilot"} if not is_test else {}
     forms |= {"World": "world", "Replay": "runs"}
     acting = {"Identify": later("identify")} if is_test else {}
@@ -22,7 +23,8 @@ def page(is_test: bool = False) -> None:
         ui.element("div").props('id=alerts role=region aria-label="Alerts"')
         with ui.element("div").classes("views"):  # in NiceGUI's own main
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
-            tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots"), "Changes": later("changes")})
+            right = {"Camera": hud, "Plots": later("plots"), "Changes": later("changes")}
+            tabs("right", "Views, right", right, own)
             tabs("side", "Actions", acting | {title: section(name) for title, name in forms.items()})
         with ui.element("footer").classes("strip"):
             with ui.element("div").classes("cell"):
@@ -50,24 +52,39 @@ def bar(stop: bool = True) -> None:
         ui.element("div").props('id=bar role=status aria-label="State of the vehicle"').classes("facts")
 
 
-def tabs(name: str, label: str, views: dict[str, Filler]) -> None:
-    """Views of which one is shown; `page.js` switches them, and hidden ones keep what they have."""
+def tabs(name: str, label: str, views: dict[str, Filler], own: Sequence[str] = ()) -> None:
+    """Views of which one is shown; `page.js` switches them, and hidden ones keep what they have.
+
+    Args:
+        name: Of the group.
+        label: For who does not see it.
+        views: By title.
+        own: Names of views of one's own, which come behind these; two may have one name.
+    """
+    shown = [*views.items(), *((escape(title), own_one(number, title)) for number, title in enumerate(own))]
     with ui.element("section").classes(f"tabs {name}").props(f'aria-label="{label}"'):
         with ui.element("div").props(f'role=tablist aria-label="{label}"').classes("tablist"):
-            for i, title in enumerate(views):
+            for i, (title, _) in enumerate(shown):
                 key = f"{name}-{i}"
                 button = ui.element("button").props(
                     f"role=tab id=tab-{key} aria-controls=panel-{key} aria-selected={'true' if i == 0 else 'false'}"
                 )
                 with button:
                     ui.html(title, sanitize=False)
-        for i, fill in enumerate(views.values()):
+        for i, (_, fill) in enumerate(shown):
             key = f"{name}-{i}"
             hidden = "" if i == 0 else " hidden"
             panel = ui.element("div").classes("panel")
             panel.props(f"role=tabpanel id=panel-{key} aria-labelledby=tab-{key}{hidden}")
             with panel:
                 fill()
+
+
+def own_one(number: int, name: str) -> Filler:
+    """A view of one's own."""
+    from rovtwin.console.web.panels.own_view import own_view
+
+    return lambda: own_view(number, name)
 
 
 def section(name: str) -> Filler:

@@ -17,6 +17,7 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.extras import require
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
+from rovtwin.core.log.face import LogFace
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
 from rovtwin.core.log.writer import FORMAT, METADATA_NAME, LogWriter, text_metadata
 from rovtwin.core.user_files.files import checked
@@ -70,8 +71,16 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Log:
+class Log(LogFace):
     """Named channels and provenance, all in memory.
+
+    Example:
+        >>> from rovtwin.core.log import Channel
+        >>> log = rovtwin.Log.from_arrays([Channel("depth", ("z",), "m", "n")], {"depth": ([0.0, 1.0], [[2], [3]])})
+        >>> log
+        <Log log: 1 channels, 1.0 s>
+        >>> log["depth"].to_xarray().sizes["time"]
+        2
 
     Attributes:
         channels: What the channels are, by name.

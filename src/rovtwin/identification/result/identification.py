@@ -12,6 +12,8 @@ import numpy as np
 
 from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.notebook import Result
+from rovtwin.core.notebook.face import Row
 from rovtwin.identification.diagnostics.reliance import Standing, standing
 from rovtwin.identification.diagnostics.tested import Range
 from rovtwin.identification.diagnostics.validation import Prediction
@@ -39,8 +41,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
-    """The result.
+class Identification(Result):
+    """What an identification found.
 
     Attributes:
         vehicle: What was identified.
@@ -67,6 +69,11 @@ class Identification:
         acceptance: The comparison by which that was decided, where it was; of a result that was loaded its words in
             `findings` tell.
         version: Of rovtwin, by which it was made.
+
+    Example:
+        >>> result = rovtwin.identify("double_blueye")  # no test yet: what parts and formulas say
+        >>> result.verdicts[0]
+        'prior only'
     """
 
     vehicle: Vehicle
@@ -109,8 +116,35 @@ class Identification:
         doubts = "".join(f"<div>{escape(doubt)}</div>" for doubt in self.doubts)
         return f"<div><b>{escape(repr(self)[1:-1])}</b>{doubts}{table}</div>"
 
+    def figures_table(self) -> list[Row]:
+        """How many parameters were learnt, from how many tests; and each estimate.
+
+        Example:
+            >>> result.figures_table()[0]
+            ('tests fitted', 0, '')
+        """
+        head: list[Row] = [("tests fitted", sum(r["use"] == "fit" for r in self.records), "")]
+        head += [
+            (f"parameters {verdict}", self.verdicts.count(verdict), "") for verdict in dict.fromkeys(self.verdicts)
+        ]
+        return head + [(p.name, self.values[p.name], p.unit) for p in self.parameters.free]
+
+    def remarks(self) -> list[str]:
+        """Why it is not to be relied on, and its findings.
+
+        Example:
+            >>> result.remarks()
+            []
+        """
+        return [*self.doubts, *self.findings]
+
     def plot(self, names: Sequence[str] = (), truth: Mapping[str, float] | None = None) -> Axes:
-        """See `plot_intervals`."""
+        """See `plot_intervals`.
+
+        Example:
+            >>> result.plot("added_mass.surge").get_yticklabels()[0].get_text()
+            'added mass, surge'
+        """
         return self.plot_intervals(names, truth)
 
     @property
@@ -135,17 +169,33 @@ class Identification:
         return standing(self.verdicts, self.held_out, self.doubts, settled)
 
     def interval(self, name: str, z: float = 1.96) -> tuple[float, float]:
-        """Ends of the 95 % interval of a parameter, in its unit."""
+        """Ends of the 95 % interval of a parameter, in its unit.
+
+        Example:
+            >>> low, high = result.interval("added_mass.surge")
+            >>> low < high
+            True
+        """
         i = self.parameters.names.index(name)
         p = self.parameters.free[i]
         return float(p.value(self.theta[i] - z * self.std[i])), float(p.value(self.theta[i] + z * self.std[i]))
 
     def model(self) -> Model:
-        """The model at the estimate."""
+        """The model at the estimate.
+
+        Example:
+            >>> result.model().added_mass.shape
+            (6, 6)
+        """
         return self.parameters.model_at(self.theta)[0]
 
     def sampled(self, count: int, seed: int = 0) -> np.ndarray:
-        """Draws of theta from the estimate's distribution, shape (count, n)."""
+        """Draws of theta from the estimate's distribution, shape (count, n).
+
+        Example:
+            >>> len(result.sampled(3))
+            3
+        """
         rng = np.random.default_rng(seed)
         L = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.theta)))
         return self.theta + rng.standard_normal((count, len(self.theta))) @ L.T
@@ -156,7 +206,12 @@ class Identification:
         return [f"{r['name']} ({r['use']}, {r['duration']:.0f} s)" for r in self.records]
 
     def file(self) -> dict[str, Any]:
-        """The vehicle file with its `identified:` block, as plain data."""
+        """The vehicle file with its `identified:` block, as plain data.
+
+        Example:
+            >>> "identified" in result.file()
+            True
+        """
         return identified_file(
             self.vehicle,
             self.parameters,
@@ -179,7 +234,12 @@ class Identification:
                 a parameter has none.
 
         Raises:
-            IdentificationError: pandas is missing, or `truth` names no parameter of this result.
+            ConfigError: pandas is missing.
+            IdentificationError: `truth` names no parameter of this result.
+
+        Example:
+            >>> result.summary().loc["added_mass.surge", "unit"]
+            'kg'
         """
         return tables.summary(self, truth)
 
@@ -187,7 +247,11 @@ class Identification:
         """All numbers of each parameter, a row each, by the names they have in `to_xarray`.
 
         Raises:
-            IdentificationError: pandas is missing.
+            ConfigError: pandas is missing.
+
+        Example:
+            >>> result.to_pandas().index[0]
+            'added_mass.surge'
         """
         return tables.frame(self)
 
@@ -195,7 +259,11 @@ class Identification:
         """Estimate, covariance and prior, over `parameter` and `parameter_2`; see `tables.dataset`.
 
         Raises:
-            IdentificationError: xarray is missing.
+            ConfigError: xarray is missing.
+
+        Example:
+            >>> result.to_xarray()["covariance"].dims
+            ('parameter', 'parameter_2')
         """
         return tables.dataset(self)
 
@@ -213,7 +281,12 @@ class Identification:
             Variables of shape (chains, n) over `chain` and `draw`, as ArviZ takes them.
 
         Raises:
-            IdentificationError: xarray is missing, or a number is not positive.
+            ConfigError: xarray is missing.
+            IdentificationError: A number is not positive.
+
+        Example:
+            >>> dict(result.draws(5, chains=2).sizes)
+            {'chain': 2, 'draw': 5}
         """
         return tables.draws(self, n, seed, chains)
 
@@ -229,6 +302,9 @@ class Identification:
 
         Raises:
             IdentificationError: The log cannot be read, or is one of a vehicle with other thrusters.
+
+        Example:
+            >>> result.predict("pool.mcap")[0].scores  # doctest: +SKIP
         """
         return self._predicted(self._records(log), window)
 
@@ -261,6 +337,10 @@ class Identification:
 
         Raises:
             IdentificationError: A pattern fits no parameter, or `truth` names none.
+
+        Example:
+            >>> result.plot_intervals("added_mass.*").get_xlabel()
+            'Standard deviations of the prior, from its middle'
         """
         from rovtwin.report.identification.intervals import intervals_figure
 
@@ -269,7 +349,12 @@ class Identification:
         return intervals_figure(self, chosen, known).axes[0]
 
     def plot_correlations(self, names: Sequence[str] = ()) -> Axes:
-        """Correlations of the errors of the estimate as a map; `names` as of `plot_intervals`."""
+        """Correlations of the errors of the estimate as a map; `names` as of `plot_intervals`.
+
+        Example:
+            >>> len(result.plot_correlations(["added_mass.*"]).images)
+            1
+        """
         from rovtwin.report.identification.figures import correlation_figure
 
         chosen = tables.chosen(self, names)
@@ -290,6 +375,9 @@ class Identification:
 
         Raises:
             IdentificationError: As of `predict`, or the log holds several tests.
+
+        Example:
+            >>> result.plot_prediction("pool.mcap")  # doctest: +SKIP
         """
         from rovtwin.report.identification.test_figures import prediction_figure
 
@@ -319,6 +407,10 @@ class Identification:
 
         Raises:
             LogError: The file cannot be written, or it exists.
+
+        Example:
+            >>> result.save("identified.nc", overwrite=True).name
+            'identified.nc'
         """
         return store.save(self, Path(path), overwrite)
 
@@ -328,5 +420,9 @@ class Identification:
 
         Raises:
             IdentificationError: No such file, not one of ours, damaged, or one of another version of the format.
+
+        Example:
+            >>> rovtwin.Identification.load(result.save("identified.nc", overwrite=True)).values == result.values
+            True
         """
         return cls(**store.load(Path(path)))

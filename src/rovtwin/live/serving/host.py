@@ -10,6 +10,7 @@ from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.live.serving.vehicle import ServedOutput, orders, served_of
+from rovtwin.runs.recording.provenance import own_code
 from rovtwin.scenario.schema import Scenario
 
 MOCAP_STD = (1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3)  # of motion capture [m, rad]: about 1 mm and 0.1 deg in a tank
@@ -24,6 +25,7 @@ class ServedVehicle:
         dt: Control period [s].
         tick: Control periods so far.
         largest: Wrench along each axis that a drone can give [N, N m], by drone, shape (6,).
+        own_code: Which code of one's own the twin runs, see `provenance.own_code`.
     """
 
     def __init__(self, scenario: Scenario):
@@ -34,6 +36,7 @@ class ServedVehicle:
         """
         served, simulation = served_of(scenario)
         self.dt, self.tick = scenario.control_dt, 0
+        self.own_code = own_code(scenario)
         self.drones, self.thrusters = served.drones, simulation.thruster_names
         self.largest = {name: np.asarray(onboard.largest) for name, onboard in served.onboards.items()}
         self._rng = np.random.default_rng(scenario.seed)

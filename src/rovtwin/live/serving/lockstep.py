@@ -17,8 +17,10 @@ from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.links.endpoint import Endpoint, Firmware, Where
 from rovtwin.live.serving.truth_log import truth_log
+from rovtwin.live.serving.vehicle import require_no_own_autopilot
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.interrupt import Interrupt
+from rovtwin.runs.recording.provenance import own_code
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle.physics import measurement
 from rovtwin.vehicle.physics.dynamics import State, acceleration, inflow_of, plant_step
@@ -36,6 +38,7 @@ class FirmwarePhysics:
         time: Of the physics, since the firmware began [s].
         now: Of the log [s]: it goes on where a firmware is started anew.
         thrusters: Their names.
+        own_code: Which code of one's own the twin runs.
         state: Of the plant.
     """
 
@@ -45,9 +48,11 @@ class FirmwarePhysics:
         """Composes and compiles; `name` is the protocol's.
 
         Raises:
-            ConfigError: The firmware's motors are not this vehicle's.
+            ConfigError: The firmware's motors are not this vehicle's, or the autopilot has blocks of one's own.
         """
+        require_no_own_autopilot(scenario)
         simulation = compose(scenario)
+        self.own_code = own_code(scenario)
         self._firmware = firmware
         self.thrusters = list(simulation.vehicle.thruster_names)
         if missing := [thruster for thruster in self.thrusters if thruster not in firmware.thrusters]:

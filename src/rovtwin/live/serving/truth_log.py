@@ -40,6 +40,8 @@ class TruthLog:
 def truth_log(path: Path, vehicle: Any) -> Iterator[TruthLog]:
     """A new log for a vehicle with `dt`, `thrusters`, `now` and `truth`, see `host.ServedVehicle`; whole at the end.
 
+    Its metadata say which code of one's own the twin ran, as those of a flight do, where the vehicle has `own_code`.
+
     Raises:
         LinkError: A replayed vehicle, which has no truth.
     """
@@ -54,7 +56,7 @@ def truth_log(path: Path, vehicle: Any) -> Iterator[TruthLog]:
         Channel("truth/command", thrusters, "1", "", description="normalised command of each thruster", rate=rate),
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    with LogWriter(path, channels, {"name": "served"}) as writer:
+    with LogWriter(path, channels, {"name": "served"} | getattr(vehicle, "own_code", {})) as writer:
         log = TruthLog(writer)
         try:
             yield log

@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.block import Start
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Estimate, Measurements
 from rovtwin.core.frames import readings_in_body
 from rovtwin.core.numerics import Array, as_array, jax, jnp
@@ -130,12 +131,28 @@ def _of_drone(measurements: Measurements, drone: str) -> Measurements:
     return {name: slot for name, slot in measurements.items() if "/" not in name} | mine
 
 
+def require_no_own_autopilot(scenario: Scenario) -> None:
+    """Raise ConfigError where a scenario has blocks of one's own in its autopilot, which does not run where one serves.
+
+    A served vehicle is flown by its own electronics, and those by who connects.
+    """
+    section = scenario.autopilot
+    if isinstance(section, ModelBasedSection) and section.own_blocks:
+        key, block = next(iter(section.own_blocks.items()))
+        raise ConfigError(
+            f"{scenario.name}: autopilot.{key}: found {block.label}, a block of your own, which would not run: a "
+            "served vehicle has its own electronics, and the autopilot flies at the other end of the link. Serve it "
+            "with --set autopilot=model_based, and fly the scenario as it is with rovtwin fly .. --link"
+        )
+
+
 def served_of(scenario: Scenario) -> tuple[Served, Simulation]:
     """The vehicle of a scenario in its world, with the controllers that it brings along.
 
     Raises:
-        ConfigError: The scenario cannot be composed.
+        ConfigError: The scenario cannot be composed, or its autopilot has blocks of one's own.
     """
+    require_no_own_autopilot(scenario)
     vehicle = vehicle_of(scenario).with_pairs_apart()
     scenario = scenario.model_copy(update={"autopilot": MODEL_BASED})
     simulation = compose(scenario, vehicle=vehicle)

@@ -15,7 +15,7 @@ from rovtwin.core.contract import form_of, of_arrays, require_block, require_kin
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, Command, Measurements
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.core.plugins import BLOCKS, OWN_SENSORS, load, module_of
+from rovtwin.core.plugins import BLOCKS, OWN_SENSORS, load, module_of, require_there
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.guard import Guarded
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, Mode, ObserverInput, output_of
@@ -68,6 +68,26 @@ def with_own_blocks(
         require_block(block, inputs[key], output_of(inputs[key]), offered["dt"], f"{label}: {one.label}")
         parts[PLACES[key]] = block
     return replace(autopilot, **parts, guarded=True)
+
+
+def code_of(scenario: Scenario) -> dict[str, tuple[str, str]]:
+    """Code of one's own that a scenario names, where: address or entry point, and group of the latter."""
+    section = scenario.autopilot
+    blocks = section.own_blocks if isinstance(section, ModelBasedSection) else {}
+    named = {f"autopilot.{key}": (one.block, BLOCKS) for key, one in blocks.items()}
+    named |= {f"world.forces[{i}]": (one.block, BLOCKS) for i, one in enumerate(scenario.world.forces)}
+    named |= {f"sensors.{name}.kind": (one.kind, OWN_SENSORS) for name, one in scenario.sensors.own.items()}
+    return {where: found for where, found in named.items() if found[0]}
+
+
+def require_own_code(scenario: Scenario) -> None:
+    """That a scenario's code of one's own may be run and is there, before anything is started that would run it.
+
+    Raises:
+        ConfigError: Nobody consented to it, or there is no such module, name or entry point.
+    """
+    for where, (text, group) in code_of(scenario).items():
+        require_there(text, group, f"{scenario.name}: {where}")
 
 
 def made(one: OwnBlock, offered: Mapping[str, Any], where: str, group: str = BLOCKS) -> Any:

@@ -49,10 +49,10 @@ def provenance(scenario: Scenario, simulation: Simulation) -> dict[str, str]:
         "test": to_json(spans_of(scenario)) if scenario.test else "",
         "thrusters": to_json(simulation.thruster_names),
         "tether_length": str(simulation.paid_out),
-    } | _own_code(scenario)
+    } | own_code(scenario)
 
 
-def _own_code(scenario: Scenario) -> dict[str, str]:
+def own_code(scenario: Scenario) -> dict[str, str]:
     """Which code flew as blocks, forces and sensors of one's own, by what the scenario calls it; nothing of none."""
     blocks = scenario.autopilot.own_blocks if isinstance(scenario.autopilot, ModelBasedSection) else {}
     named = {one.label: BLOCKS for one in (*blocks.values(), *scenario.world.forces)}

@@ -1,16 +1,20 @@
 """A run, complete."""
 
 import math
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from rovtwin.core.datum import Datum
-from rovtwin.core.user_files.config import Number, Strict
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import Number, Strict, parse
+from rovtwin.core.user_files.yamlfile import read_yaml
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection, ModelBasedSection
 from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
 from rovtwin.scenario.schema.experiment import ExperimentSection
+from rovtwin.scenario.schema.face import ScenarioFace
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, StartSection, Waypoint
 from rovtwin.scenario.schema.operator import RequestSection
@@ -41,8 +45,13 @@ class LogSection(Strict):
     sensors: bool = Field(default=True, description="log every sensor reading")
 
 
-class Scenario(Strict):
-    """A run, complete: the same scenario and seed give the same data, bit for bit on the same machine."""
+class Scenario(ScenarioFace, Strict):
+    """A run, complete: the same scenario and seed give the same data, bit for bit on the same machine.
+
+    Example:
+        >>> rovtwin.load_scenario("square", seed=3)
+        <Scenario square, seed 3: double_blueye, 4 way-points>
+    """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="default that of the file")] = (
         "scenario"
@@ -115,6 +124,32 @@ class Scenario(Strict):
                     f"above {limit:g} m or raise autopilot.supervisor.depth_limit"
                 )
         return self
+
+    def __repr__(self) -> str:
+        """One line, as a notebook shows it."""
+        vehicle = self.vehicle if isinstance(self.vehicle, str) else self.vehicle.get("name", "a vehicle")
+        todo = f"{len(self.waypoints)} way-points" if self.test is None else f"{len(self.test.manoeuvres)} manoeuvres"
+        return f"<Scenario {self.name}, seed {self.seed}: {vehicle}, {todo}>"
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """The scenario of a file that stands for itself, as `save` writes it; `load_scenario` reads any.
+
+        Raises:
+            ConfigError: With a line per mistake: file, place, what was found, what was expected, the fix.
+
+        Example:
+            >>> square = rovtwin.load_scenario("square")
+            >>> rovtwin.Scenario.load(square.save("mine.yaml", overwrite=True)) == square
+            True
+        """
+        data = read_yaml(path)
+        if isinstance(mission := data.get("mission"), str):
+            raise ConfigError(
+                f"{path}: mission: found the name {mission!r}, expected way-points as Scenario.save writes them; "
+                "rovtwin.load_scenario reads files that name others"
+            )
+        return parse(cls, data, Path(path).name)
 
     @property
     def control_dt(self) -> float:

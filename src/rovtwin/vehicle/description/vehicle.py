@@ -13,6 +13,7 @@ from jaxtyping import Float
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.description import files
+from rovtwin.vehicle.description.face import VehicleFace
 from rovtwin.vehicle.description.identified import with_identified
 from rovtwin.vehicle.description.power import PowerSource, power_sources, specific_power
 from rovtwin.vehicle.description.schema import VehicleFile
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from rovtwin.vehicle.physics.model import Model
 
 
-@dataclass(frozen=True)
-class Vehicle:
+@dataclass(frozen=True, repr=False)
+class Vehicle(VehicleFace):
     """A vehicle as its file describes it.
 
     Attributes:
@@ -34,6 +35,10 @@ class Vehicle:
         where: File name, for messages.
         water_density: Of the water it is in [kg/m3]; None: the water the file is written for.
         pairs_apart: Whether a pseudo-thruster that stands for a pair is two thrusters.
+
+    Example:
+        >>> rovtwin.load_vehicle("double_blueye")
+        <Vehicle double_blueye: 30.0 kg, 6 thrusters>
     """
 
     file: VehicleFile
@@ -159,6 +164,20 @@ class Vehicle:
                 raise ConfigError(f"net buoyancy {net_buoyancy:g} N, expected more than minus the weight")
             total = _ballasted(total, buoyancy)
         return total
+
+    @classmethod
+    def load(cls, path: str | Path) -> Vehicle:
+        """The vehicle of a file, as `load_vehicle`.
+
+        Raises:
+            ConfigError: With a line per mistake: file, place, what was found, what was expected, the fix.
+
+        Example:
+            >>> path = rovtwin.load_vehicle("double_blueye").save("mine.yaml", overwrite=True)
+            >>> rovtwin.Vehicle.load(path) == rovtwin.load_vehicle(path)
+            True
+        """
+        return load_vehicle(path)
 
     def to_dict(self) -> dict[str, Any]:
         """The complete description as plain data: no references to files, loadable by `vehicle_from_dict`."""

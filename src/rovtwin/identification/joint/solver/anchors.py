@@ -1,4 +1,4 @@
-"""Evidence that is no motion: a bollard pull, forces of a towing test. It says what newtons are.
+"""Evidence that is no motion: a bollard pull, forces of a towing test, or of one's own. It says what newtons are.
 
 Motion alone cannot tell the common scale of thrust, mass, drag and restoring; one pull on a scale can.
 """
@@ -8,12 +8,14 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import Field
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.user_files.config import Number, Positive, Strict, parse
 from rovtwin.identification.joint.model.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.solver.problem import Static
+from rovtwin.identification.own_evidence import OwnEvidence, found_kind, numbers_of, predicted
 from rovtwin.vehicle.physics.dynamics import damping_wrench, learned_wrench
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import static_force
@@ -40,20 +42,24 @@ class Towing(Strict):
 
 
 class Anchor(Strict):
-    """One anchor: exactly one of the kinds."""
+    """One anchor: exactly one of the kinds, or one of one's own by `kind` and its `settings`."""
 
     bollard: Bollard | None = None
     towing: Towing | None = None
+    kind: str | None = Field(None, description="package.module:Name, or an entry point of rovtwin.evidence")
+    settings: dict[str, Any] = Field({}, description="of that kind")
 
 
 Predicted = Callable[[Model], Float[Array, " k"]]
+AnchorLike = Mapping[str, Any] | OwnEvidence
 
 
-def static_evidence(parameters: Parameters, anchors: Sequence[Mapping[str, Any]]) -> Static | None:
+def static_evidence(parameters: Parameters, anchors: Sequence[AnchorLike]) -> Static | None:
     """Whitened residuals of anchors, as a function of theta; None without anchors.
 
     Raises:
-        IdentificationError: An anchor is neither a bollard pull nor a towing table, or no thruster pushes that way.
+        IdentificationError: An anchor is none of a kind that is known, or no thruster pushes that way.
+        ConfigError: A kind of one's own cannot be found, or its settings are wrong.
     """
     parts = [_part(parameters, data, i) for i, data in enumerate(anchors)]
     if not parts:
@@ -67,16 +73,29 @@ def static_evidence(parameters: Parameters, anchors: Sequence[Mapping[str, Any]]
 
 
 def _part(
-    parameters: Parameters, data: Mapping[str, Any], number: int
-) -> tuple[Predicted, Float[np.ndarray, " k"], float]:
+    parameters: Parameters, data: AnchorLike, number: int
+) -> tuple[Predicted, Float[np.ndarray, " k"], float | Float[np.ndarray, " k"]]:
     where = f"anchors[{number}]"
+    if isinstance(data, OwnEvidence):
+        return _own(parameters, data, where)
     anchor = parse(Anchor, dict(data), where)
-    if (anchor.bollard is None) == (anchor.towing is None):
-        raise IdentificationError(f"{where}: expected one of bollard, towing")
+    if sum(one is not None for one in (anchor.bollard, anchor.towing, anchor.kind)) != 1:
+        raise IdentificationError(f"{where}: expected one of bollard, towing, kind")
+    if anchor.settings and anchor.kind is None:
+        raise IdentificationError(f"{where}.settings: expected none without a kind of your own")
+    if anchor.kind is not None:
+        return _own(parameters, found_kind(anchor.kind, anchor.settings, where), where)
     if anchor.towing is not None:
         return _towing(anchor.towing, where)
     assert anchor.bollard is not None
     return _bollard(parameters, anchor.bollard, where)
+
+
+def _own(
+    parameters: Parameters, evidence: OwnEvidence, where: str
+) -> tuple[Predicted, Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    measured, sd = numbers_of(evidence, parameters.model, where)
+    return (lambda model: predicted(evidence, model)), measured, sd
 
 
 def _bollard(parameters: Parameters, pull: Bollard, where: str) -> tuple[Predicted, Float[np.ndarray, "1"], float]:
