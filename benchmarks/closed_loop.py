@@ -85,7 +85,7 @@ def same_flight(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     plain, path, plain_path = NumpyLoop(run, noise=0.0), [], []
     for call in range(round(seconds)):
         memory, record = advance(loop, memory, jnp.asarray(call * ticks), ticks, dt)
-        path.append(np.concatenate([record.state.position, record.autopilot.estimate.eta[:, :3]], axis=1))
+        path.append(np.concatenate([record.state.position, record.autopilot.estimate.position], axis=1))
         for _ in range(ticks):
             truth = plain.x[:3].copy()
             plain.tick()

@@ -33,7 +33,7 @@ from rovtwin.core.flow import (
     Setpoint,
     Slot,
 )
-from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
+from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.allocation.prioritised import PriorityAllocation
 from rovtwin.gnc.autopilot import Autopilot
@@ -141,11 +141,12 @@ def states() -> State:
 
 
 def estimates() -> Estimate:
-    eta = jnp.concatenate([START.position + over_time(3, seed=5), over_time(3, seed=6)], axis=1)
+    attitude = jax.vmap(quaternion_from_euler)(over_time(3, seed=6))
     covariance = every_tick(0.01 * jnp.eye(12))
     nis, dof = over_time(5), every_tick(jnp.ones(5))
     return Estimate(
-        eta,
+        START.position + over_time(3, seed=5),
+        attitude,
         over_time(6, seed=7),
         over_time(6, seed=8),
         covariance,
@@ -162,15 +163,17 @@ def way_points() -> Mission:
 
 
 def setpoints() -> Setpoint:
-    eta = jnp.concatenate([START.position + over_time(3, seed=9), over_time(3, seed=10, size=3.0)], axis=1)
+    place = START.position + over_time(3, seed=9)
+    attitude = jax.vmap(quaternion_from_euler)(over_time(3, seed=10, size=3.0))
     leg = every_tick(START.position), every_tick(START.position + 1.0)
     number = every_tick(jnp.zeros((), dtype=int))
     state = number + DIVE, number + NO_REASON, number > 0, every_tick(Progress.unreported())
-    return Setpoint(eta, over_time(6, seed=11), *leg, number == 0, number, *state)
+    return Setpoint(place, attitude, over_time(6, seed=11), *leg, number == 0, number, *state)
 
 
 def references() -> Reference:
-    return Reference(START.position.repeat(2) + over_time(6, seed=12), over_time(6, seed=13), over_time(6, seed=14))
+    eta = jnp.concatenate([START.position + over_time(3, seed=12), over_time(3, seed=18)], axis=1)
+    return jax.vmap(Reference.from_euler)(eta, over_time(6, seed=13), over_time(6, seed=14))
 
 
 def commands() -> Command:
@@ -295,8 +298,8 @@ class Believer(Block):
     """An observer that takes the readings for the truth; cheap to compile, for blocks that hold an observer."""
 
     def init(self, key, start: Start) -> Estimate:
-        eta = jnp.concatenate([start.position, euler_from_quaternion(start.attitude)])
-        return Estimate(eta, start.velocity, jnp.zeros(6), 0.01 * jnp.eye(12), jnp.zeros(4), jnp.zeros(4))
+        none, unsure = jnp.zeros(4), 0.01 * jnp.eye(12)
+        return Estimate(start.position, start.attitude, start.velocity, jnp.zeros(6), unsure, none, none)
 
     def step(self, memory: Estimate, input: ObserverInput, dt: float) -> tuple[Estimate, Estimate]:
         def last(name, old):
@@ -304,9 +307,10 @@ class Believer(Block):
             return jnp.where(slot.valid[-1], slot.value[-1], old)
 
         eta, nu = memory.eta, memory.nu
-        place = [last("position", eta[:2]), last("pressure", eta[2:3]), last("attitude", eta[3:])]
+        place = jnp.concatenate([last("position", eta[:2]), last("pressure", eta[2:3])])
+        attitude = quaternion_from_euler(last("attitude", eta[3:]))
         nu = jnp.concatenate([nu[:3], last("gyro", nu[3:])])
-        after = dataclasses.replace(memory, eta=jnp.concatenate(place), nu=nu)
+        after = dataclasses.replace(memory, position=place, attitude=attitude, nu=nu)
         return after, after
 
 

@@ -28,7 +28,7 @@ from rovtwin.core.flow import (
     Setpoint,
     Slot,
 )
-from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.control.reference_model import ReferenceModel
@@ -62,7 +62,7 @@ class Perfect(Block):
     def step(self, memory, input, dt):
         truth = input.measurements["truth"].value[0]
         nothing = jnp.zeros(1)
-        return memory, Estimate(truth[:6], truth[6:], jnp.zeros(6), 1e-4 * jnp.eye(12), nothing, nothing)
+        return memory, Estimate.from_euler(truth[:6], truth[6:], jnp.zeros(6), 1e-4 * jnp.eye(12), nothing, nothing)
 
 
 @eqx.filter_jit
@@ -97,13 +97,17 @@ def cross_track(truth, setpoint):
 def respond(pid, reference, allocate, model, eta, n):
     """Pose and reference after a step of the set-point to eta, without guidance, shapes (n, 6)."""
     zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
-    setpoint = Setpoint(eta, jnp.zeros(6), jnp.zeros(3), jnp.zeros(3), no, zero, zero, zero)
+    setpoint = Setpoint(
+        eta[:3], quaternion_from_euler(eta[3:]), jnp.zeros(6), jnp.zeros(3), jnp.zeros(3), no, zero, zero, zero
+    )
 
     def tick(carry, _):
         smooth, integral, state, shortfall = carry
         pose = jnp.concatenate([state.position, euler_from_quaternion(state.attitude)])
         nothing = jnp.zeros(1)
-        estimate = Estimate(pose, state.nu, jnp.zeros(6), jnp.zeros((12, 12)), nothing, nothing)
+        estimate = Estimate(
+            state.position, state.attitude, state.nu, jnp.zeros(6), jnp.zeros((12, 12)), nothing, nothing
+        )
         smooth, path = reference.step(smooth, setpoint, DT)
         integral, wrench = pid.step(integral, ControlInput(estimate, path, shortfall), DT)
         command, allocated = allocate(wrench.tau)

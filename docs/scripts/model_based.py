@@ -31,10 +31,10 @@ def fly(scenario, autopilot, seed):
     return {
         "t": given.control_dt * np.arange(len(joined(lambda r: r.state.position))),
         "truth": joined(lambda r: r.state.position),
-        "error": joined(lambda r: r.autopilot.estimate.eta[:, :3]) - joined(lambda r: r.state.position),
+        "error": joined(lambda r: r.autopilot.estimate.position) - joined(lambda r: r.state.position),
         "std": np.sqrt(joined(lambda r: np.diagonal(r.autopilot.estimate.covariance, axis1=1, axis2=2)[:, :3])),
         "u": joined(lambda r: r.autopilot.command.u),
-        "reference": joined(lambda r: r.autopilot.reference.eta[:, :2]),
+        "reference": joined(lambda r: r.autopilot.reference.position[:, :2]),
     }
 
 

@@ -24,7 +24,7 @@ from scipy.linalg import solve_continuous_are
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import FINISHED, Environment, Estimate
-from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
+from rovtwin.core.frames import level_attitude, rotation_error, rotation_from_quaternion, yaw_rotation
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.allocation.prioritised import PriorityAllocation
 from rovtwin.gnc.control.tracking import PathReference, Tracking
@@ -103,8 +103,8 @@ def estimate_of(model, state, environment, off):
     still, flowing = (coriolis_wrench(model.inertia, nu) + damping_wrench(model, nu) for nu in (state.nu, nu_r))
     carried = model.inertia[:3, :3] @ jnp.cross(state.nu[3:], R.T @ environment.velocity)
     bias = jnp.concatenate([R @ (still - flowing)[:3] - R @ carried, jnp.zeros(3)])
-    eta = jnp.concatenate([state.position.at[:2].add(off), euler_from_quaternion(state.attitude)])
-    return Estimate(eta, state.nu, bias, jnp.eye(12) * 1e-4, jnp.zeros(1), jnp.zeros(1))
+    place = state.position.at[:2].add(off)
+    return Estimate(place, state.attitude, state.nu, bias, jnp.eye(12) * 1e-4, jnp.zeros(1), jnp.zeros(1))
 
 
 @eqx.filter_jit
@@ -121,7 +121,7 @@ def advance(model, p, route, environment, health, carry, off, level, planned):
         tau = jnp.where(planned, tau.at[LEVEL].set(level), tau)
         allocation, given = p.allocation.step(allocation, AllocationInput(tau, health), DT)
         after = plant_step(model, state, given.command, environment, DT)
-        record = state.position, state.thrust, jnp.any(given.limited), asked.phase, asked.eta[:2]
+        record = state.position, state.thrust, jnp.any(given.limited), asked.phase, asked.position[:2]
         return (after, guidance, reference, control, allocation, given.shortfall), record
 
     return jax.lax.scan(tick, carry, None, length=HOLD)
@@ -129,10 +129,9 @@ def advance(model, p, route, environment, health, carry, off, level, planned):
 
 def fed_back(p, model, integral, estimate, path, short):
     """tau (6,) with LQR's feedback in place of Tracking's, which without errors is what is left: feed-forward."""
-    psi = estimate.eta[5]
-    R = jnp.array([[jnp.cos(psi), jnp.sin(psi), 0.0], [-jnp.sin(psi), jnp.cos(psi), 0.0], [0.0, 0.0, 1.0]])
-    e = (path.eta - estimate.eta)[LEVEL].at[2].set(jnp.arcsin(jnp.sin(path.eta[5] - psi)))
-    rate = R @ path.eta_dot[LEVEL] - estimate.nu[LEVEL]
+    R = yaw_rotation(estimate.heading).T
+    e = (path.position - estimate.position).at[2].set(rotation_error(path.attitude, estimate.attitude)[2])
+    rate = R @ path.velocity.at[2].set(path.angular_velocity[2]) - estimate.nu[LEVEL]
     ahead = eqx.tree_at(lambda c: (c.K_p, c.K_d), p.control, replace_fn=lambda k: k.at[LEVEL].set(0.0))
     _, forward = ahead.step(integral, ControlInput(estimate, path, short), DT)
     return forward.tau.at[LEVEL].add(p.gain @ jnp.concatenate([R @ e, rate]))
@@ -156,7 +155,9 @@ def way_of(guidance, route):
     none = jnp.zeros(6)
 
     def tick(memory, _):
-        there = Estimate(memory.eta, none, none, jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
+        there = Estimate(
+            memory.position, level_attitude(memory.heading), none, none, jnp.eye(12), jnp.zeros(1), jnp.zeros(1)
+        )
         memory, asked = guidance.step(memory, GuidanceInput(there, route, RUNNING), DT)
         return memory, asked.eta
 

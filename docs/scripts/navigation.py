@@ -41,7 +41,7 @@ def fly(loop, memory):
         memory, record = loop.tick(memory, k, DT)
         estimate, state = record.autopilot.estimate, record.state
         yaw = estimate.eta[5] - euler_from_quaternion(state.attitude)[2]
-        error = jnp.concatenate([estimate.eta[:2] - state.position[:2], yaw[None]])
+        error = jnp.concatenate([estimate.position[:2] - state.position[:2], yaw[None]])
         return memory, (error, estimate.covariance[:2, :2], estimate.nis, estimate.nis_dof)
 
     return jax.lax.scan(tick, memory, jnp.arange(round(SECONDS / DT)))[1]

@@ -4,7 +4,7 @@ import numpy as np
 
 from rovtwin.core import flow
 from rovtwin.core.flow import Environment, Measurement, Slot, pack
-from rovtwin.core.frames import heading_rotation, rotation_from_euler
+from rovtwin.core.frames import heading_rotation, quaternion_rate, rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
 
 EMPTY = {"gyro": Slot.empty(3, 3), "pressure": Slot.empty(1, 1)}
@@ -78,10 +78,37 @@ def test_newest_reading_of_a_slot_is_the_last_valid_one():
 def test_slow_motion_is_what_the_waves_leave():
     eta, nu, wave = jnp.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.9]), jnp.arange(6.0) / 10, jnp.arange(6.0) / 7
     six = jnp.zeros(6)
-    estimate = flow.Estimate(eta, nu, six, jnp.zeros((12, 12)), six, six, wave)
+    estimate = flow.Estimate.from_euler(eta, nu, six, jnp.zeros((12, 12)), six, six, wave)
     R_nb, level = rotation_from_euler(eta[3:]), heading_rotation(eta[5])
     np.testing.assert_allclose(estimate.slow_position + wave[:3], eta[:3], rtol=1e-15)
     slow = estimate.slow_velocity(R_nb.T)
     np.testing.assert_allclose(R_nb @ slow + wave[3:], R_nb @ nu[:3], rtol=1e-14)
     np.testing.assert_allclose(estimate.slow_velocity_n(R_nb), R_nb @ slow, atol=1e-15)
     np.testing.assert_allclose(level @ estimate.slow_velocity(level.T), estimate.slow_velocity_n(level), atol=1e-15)
+
+
+def test_a_reference_from_euler_angles_turns_as_they_do():
+    eta, rate, change = np.array([1, 2, 3, 0.3, -0.5, 2.0]), np.array([0.1] * 3 + [0.2, -0.1, 0.3]), np.arange(6) / 10
+
+    def at(t):
+        return flow.Reference.from_euler(
+            *(jnp.asarray(v) for v in (eta + t * rate + 0.5 * t**2 * change, rate + t * change, change))
+        )
+
+    now, h = at(0.0), 1e-5
+    np.testing.assert_allclose(now.eta, eta, atol=1e-14)
+    np.testing.assert_allclose(now.eta_dot, rate, atol=1e-14)
+    np.testing.assert_allclose(
+        quaternion_rate(now.attitude, now.angular_velocity), (at(h).attitude - at(-h).attitude) / (2 * h), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        now.angular_acceleration, (at(h).angular_velocity - at(-h).angular_velocity) / (2 * h), atol=1e-9
+    )
+
+
+def test_a_level_set_point_has_its_heading():
+    zero, no = jnp.zeros((), int), jnp.asarray(False)
+    leg = jnp.zeros(6), jnp.zeros(3), jnp.zeros(3), no, zero, zero, zero
+    asked = flow.Setpoint.level(jnp.array([1.0, 2.0, 3.0]), jnp.asarray(-3.0), *leg)
+    np.testing.assert_allclose(asked.heading, -3.0, atol=1e-15)
+    np.testing.assert_allclose(asked.eta, [1.0, 2.0, 3.0, 0.0, 0.0, -3.0], atol=1e-15)

@@ -256,3 +256,71 @@ def test_small_rotations_take_one_attitude_to_another_and_back():
         np.testing.assert_allclose(frames.rotation_between(-after, q), angle, atol=size**3)  # the same attitude
         R = Rotation.from_quat(np.array(q), scalar_first=True) * Rotation.from_rotvec(np.array(angle))
         np.testing.assert_allclose(frames.rotation_from_quaternion(after), R.as_matrix(), atol=size**3 + 1e-15)
+
+
+# -- rotation vectors, heading and tilt
+
+
+def test_exponential_and_logarithm_are_those_of_scipy_at_every_size():
+    axes = np.random.default_rng(3).normal(size=(9, 3))
+    sizes = np.array([0.0, 1e-9, 9.9e-4, 1.01e-3, 0.1, 1.0, 2.0, 3.0, np.pi - 1e-9])
+    vectors = axes / np.linalg.norm(axes, axis=1, keepdims=True) * sizes[:, None]
+    q = jax.vmap(frames.quaternion_exp)(vectors)
+    np.testing.assert_allclose(q, Rotation.from_rotvec(vectors).as_quat(scalar_first=True), atol=1e-15)
+    for one in (q, -q):  # the same attitude
+        np.testing.assert_allclose(jax.vmap(frames.quaternion_log)(one), vectors, atol=1e-13)
+
+
+def test_the_logarithm_goes_the_short_way_round():
+    past = frames.quaternion_exp(jnp.array([0.0, 0.0, np.pi + 0.1]))
+    np.testing.assert_allclose(frames.quaternion_log(past), [0.0, 0.0, 0.1 - np.pi], atol=1e-14)
+
+
+def test_rotation_vectors_have_a_gradient_at_zero():
+    np.testing.assert_allclose(jax.jacobian(frames.quaternion_exp)(jnp.zeros(3))[1:], 0.5 * np.eye(3))
+    there_and_back = jax.jacobian(lambda v: frames.quaternion_log(frames.quaternion_exp(v)))
+    for size in (0.0, 5e-4, 0.7):
+        np.testing.assert_allclose(there_and_back(size * jnp.array([0.6, 0.0, -0.8])), np.eye(3), atol=1e-12)
+
+
+def test_the_error_of_an_attitude_turns_it_into_the_desired_one():
+    q, desired = random_quaternions((2,), seed=4)
+    turn = frames.quaternion_exp(frames.rotation_error(desired, jnp.asarray(q)))
+    same_rotation(frames.quaternion_multiply(jnp.asarray(q), turn), desired)
+
+
+def test_heading_is_the_turn_about_the_vertical_nearest_to_an_attitude():
+    for q in random_quaternions((5,), seed=5):
+        R, near = frames.rotation_from_quaternion(jnp.asarray(q)), np.linspace(-np.pi, np.pi, 20001)
+        alike = np.cos(near) * (R[0, 0] + R[1, 1]) + np.sin(near) * (R[1, 0] - R[0, 1])  # trace of both
+        away = float(frames.heading_of(jnp.asarray(q))) - near[np.argmax(alike)]
+        assert abs((away + np.pi) % (2 * np.pi) - np.pi) < 4e-4
+
+
+def test_heading_and_tilt_of_a_vehicle_that_rolls_or_pitches_only_are_its_angles():
+    for euler, tilt in (([0.7, 0, -2.0], [0.7, 0]), ([0, -1.2, 3.0], [0, -1.2]), ([0, 0, 1.0], [0, 0])):
+        q = frames.quaternion_from_euler(jnp.array(euler, dtype=float))
+        np.testing.assert_allclose(frames.heading_of(q), euler[2], atol=1e-14)
+        np.testing.assert_allclose(frames.heading_of(-q), euler[2], atol=1e-14)
+        np.testing.assert_allclose(frames.tilt_of(q), tilt, atol=1e-14)
+
+
+def test_an_attitude_is_its_heading_and_then_its_tilt():
+    for q in random_quaternions((5,), seed=6):
+        tilt = frames.quaternion_exp(jnp.append(frames.tilt_of(jnp.asarray(q)), 0.0))
+        level = frames.level_attitude(frames.heading_of(jnp.asarray(q)))
+        same_rotation(frames.quaternion_multiply(level, tilt), q)
+
+
+def test_heading_and_tilt_go_on_through_a_pitch_of_ninety_degrees():
+    pitch = np.radians(np.linspace(80, 100, 21))
+    q = jnp.stack([frames.quaternion_multiply(frames.level_attitude(0.9), turned) for turned in _about_y(pitch)])
+    np.testing.assert_allclose(frames.heading_of(q), 0.9, atol=1e-14)
+    tilt = jax.vmap(frames.tilt_of)(q)
+    np.testing.assert_allclose(tilt[:, 1], pitch, atol=1e-14)
+    np.testing.assert_allclose(tilt[:, 0], 0.0, atol=1e-14)
+    assert np.ptp(frames.euler_from_quaternion(q)[:, 2]) > 3.0, "psi turns round"
+
+
+def _about_y(angles):
+    return [frames.quaternion_exp(jnp.array([0.0, angle, 0.0])) for angle in angles]

@@ -61,7 +61,7 @@ def aft(lever: float = 0.15) -> Model:
 
 def estimate_of(eta, nu=np.zeros(6), std=0.01) -> Estimate:
     eta, nu = jnp.asarray(eta, dtype=float), jnp.asarray(nu, dtype=float)
-    return Estimate(eta, nu, jnp.zeros(6), std**2 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
+    return Estimate.from_euler(eta, nu, jnp.zeros(6), std**2 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
 
 
 class Perfect(Block):

@@ -34,8 +34,9 @@ BLOCK = Contingency(
 )
 START = Start.at([1.0, -1.0, 0.5], 0.0)
 AT = [6.0, 3.0, 4.0, 0.0, 0.0, np.pi / 2]
-ON_LEG = Setpoint(
-    as_array(AT),
+ON_LEG = Setpoint.level(
+    as_array(AT[:3]),
+    as_array(AT[5]),
     as_array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]),
     jnp.zeros(3),
     jnp.ones(3),
@@ -46,7 +47,7 @@ ON_LEG = Setpoint(
 )
 
 # Where guidance wants it in the end; a contingency begins where the vehicle is.
-FAR_AHEAD = dataclasses.replace(ON_LEG, eta=as_array([6.0, 9.0, 8.0, 0.0, 0.0, np.pi / 2]))
+FAR_AHEAD = dataclasses.replace(ON_LEG, position=as_array([6.0, 9.0, 8.0]))
 
 
 @jax.jit

@@ -84,7 +84,7 @@ def holds(mode, command=np.zeros(4), seconds=60.0, model=MODEL):
         here = feels(STRONG * EAST, psi)
         step = ContingencyInput(given, here, Mode(jnp.asarray(mode), jnp.asarray(0)), as_array(command))
         memory, own = block.step(memory, step, DT)
-        return (memory, own.eta[5]), own.eta[5]
+        return (memory, own.heading), own.heading
 
     begin = block.init(jax.random.key(0), START), jnp.zeros(())
     return np.asarray(jax.jit(lambda b: jax.lax.scan(tick, b, None, length=round(seconds / DT))[1])(begin))
@@ -121,7 +121,7 @@ def test_guidance_forgets_a_bad_estimate(far):
     def tick(memory, current):
         given = GuidanceInput(feels(current), plan, Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(0)))
         after, asked = guidance.step(memory, given, DT)
-        return dataclasses.replace(after, phase=memory.phase), asked.eta[5]
+        return dataclasses.replace(after, phase=memory.phase), asked.heading
 
     bad = spans((0.0, 10), (100.0, DT), (0.0, 10), (STRONG, 60), (0.0, 120))
     psi = np.asarray(jax.jit(lambda m: jax.lax.scan(tick, m, bad)[1])(memory))

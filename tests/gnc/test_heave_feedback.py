@@ -30,7 +30,7 @@ def flown(model, control, allocation, start, speed, depth=3.0, time=40.0):
         integral, memory, state = carry
         truth = truth_of(state)
         north, zero = speed * t, jnp.zeros(5)
-        reference = Reference(
+        reference = Reference.from_euler(
             jnp.zeros(6).at[0].set(north).at[2].set(depth), jnp.concatenate([speed[None], zero]), jnp.zeros(6)
         )
         given = ControlInput(estimate_of(truth[:6], truth[6:]), reference, jnp.zeros(6))

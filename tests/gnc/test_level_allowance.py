@@ -25,7 +25,7 @@ def bluerov2():
 def held(model, current, force, seconds):
     """Path (n, 6) of eta of a vehicle that is to keep its place in a current and beside a force, both along north."""
     control, allocate = Tracking.of(model), jnp.linalg.pinv(model.thrusters.configuration)
-    place = Reference(jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0]), jnp.zeros(6), jnp.zeros(6))
+    place = Reference.from_euler(jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0]), jnp.zeros(6), jnp.zeros(6))
 
     def tick(carry, now):
         memory, state, bias = carry
@@ -36,7 +36,7 @@ def held(model, current, force, seconds):
         disturbance = R @ (damping_wrench(model, state.nu) - damping_wrench(model, through))[:3] + push
         bias = bias + (1.0 - jnp.exp(-DT / LEARNS)) * (disturbance - bias)
         unsure = 1e-4 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1)
-        estimate = Estimate(eta, state.nu, jnp.concatenate([bias, jnp.zeros(3)]), *unsure)
+        estimate = Estimate.from_euler(eta, state.nu, jnp.concatenate([bias, jnp.zeros(3)]), *unsure)
         memory, wrench = control.step(memory, ControlInput(estimate, place, jnp.zeros(6)), DT)
         command = Command(command_for_force(model.thrusters, allocate @ wrench.tau))
         water = Environment.calm(velocity=flow, wrench=jnp.concatenate([R.T @ push, jnp.zeros(3)]))

@@ -138,7 +138,7 @@ def test_tracking_drifts_where_holding_would_tip_the_vehicle():
     control = dataclasses.replace(control, sustained=dataclasses.replace(control.sustained, level=LevelSpeed(axes)))
     current = jnp.array([-1.2 * axes[0], 0.0])
     eta = jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
-    reference = Reference(eta, jnp.zeros(6), jnp.zeros(6))
+    reference = Reference.from_euler(eta, jnp.zeros(6), jnp.zeros(6))
 
     def asked(velocity):
         given = ControlInput(pushed(eta, velocity, current), reference, jnp.zeros(6))
@@ -155,7 +155,7 @@ def test_tracking_drifts_where_holding_would_tip_the_vehicle():
 def allowed(allowance, memory, asked, tilt, seconds, dt=0.02):
     def step(memory, t):
         roll = tilt(t) if callable(tilt) else tilt
-        return allowance.step(memory, jnp.asarray(asked), jnp.array([roll, 0.0, 0.0]), dt), None
+        return allowance.step(memory, jnp.asarray(asked), jnp.array([roll, 0.0]), dt), None
 
     return jax.lax.scan(step, memory, dt * jnp.arange(round(seconds / dt)))[0]
 
@@ -186,7 +186,7 @@ def test_tracking_presses_against_what_does_not_tilt_it():
     control = Tracking.of(model)
     control = dataclasses.replace(control, sustained=dataclasses.replace(control.sustained, level=LevelSpeed(axes)))
     eta = jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
-    reference = Reference(eta, jnp.zeros(6), jnp.zeros(6))
+    reference = Reference.from_euler(eta, jnp.zeros(6), jnp.zeros(6))
     estimate = pushed(eta.at[0].set(-1.0), jnp.zeros(2), jnp.array([-1.2 * axes[0], 0.0]))
     given = ControlInput(estimate, reference, jnp.zeros(6))
 

@@ -139,7 +139,7 @@ def test_readings_moved_to_co_are_those_of_sensors_at_co(runs):
     run, slots = runs[1][0]
     known, tick = mounts(far=True), 700
     read = {name: jax.tree.map(lambda leaf: leaf[tick], slot) for name, slot in moved(slots, run, known).items()}
-    back = at_co(read, known, jnp.asarray(run.x[tick, 3:6]), jnp.asarray(run.x[tick, 9:12]))
+    back = at_co(read, known, rotation_from_euler(jnp.asarray(run.x[tick, 3:6])), jnp.asarray(run.x[tick, 9:12]))
     for name in set(NAMES) - {"accelerometer"}:
         here = np.asarray(slots[name].valid[tick])
         np.testing.assert_allclose(back[name].value[here], slots[name].value[tick][here], atol=1e-9, err_msg=name)

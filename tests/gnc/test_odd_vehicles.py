@@ -41,7 +41,9 @@ def test_control_asks_for_numbers(name):
     zero = jnp.zeros(6)
     memory = tracking.init(None, None)
     step = jax.jit(lambda at, to: tracking.step(memory, ControlInput(at, to, zero), 0.02)[1])
-    ahead = Reference(*(jnp.asarray(v) for v in ([1.0, 0.5, 3.2, 0, 0, 0.3], [0.2, 0.1, 0.1, 0, 0, 0.1], np.zeros(6))))
+    ahead = Reference.from_euler(
+        *(jnp.asarray(v) for v in ([1.0, 0.5, 3.2, 0, 0, 0.3], [0.2, 0.1, 0.1, 0, 0, 0.1], np.zeros(6)))
+    )
     for eta in (np.zeros(6), [0, 0, 3, 0.1, -0.1, 2.0]):
         assert np.isfinite(step(estimate_of(eta, nu=np.full(6, 0.1)), ahead).tau).all()
 

@@ -218,7 +218,7 @@ def test_a_vehicle_looks_where_it_can_stay_whatever_it_is_about(phase, mode, end
     memory = eqx.tree_at(lambda m: m.phase, memory, jnp.asarray(phase))
     given = GuidanceInput(estimate, route([end], depth=3.0), Mode(jnp.asarray(mode or MODE_RUNNING), jnp.asarray(0)))
     _, headings = jax.lax.scan(
-        lambda m, _: (lambda after, asked: (after, asked.eta[5]))(*guidance.step(m, given, DT)), memory, None, 6000
+        lambda m, _: (lambda after, asked: (after, asked.heading))(*guidance.step(m, given, DT)), memory, None, 6000
     )
     before, psi = float(headings[-2]), float(headings[-1])
     assert psi == pytest.approx(before, abs=1e-6)

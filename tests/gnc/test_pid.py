@@ -19,7 +19,7 @@ AXES = np.array([0, 1, 2, 3, 5])  # those that six thrusters of two bodies contr
 
 
 def reference_of(eta, eta_dot=np.zeros(6)):
-    return Reference(jnp.asarray(eta, dtype=float), jnp.asarray(eta_dot, dtype=float), jnp.zeros(6))
+    return Reference.from_euler(jnp.asarray(eta, dtype=float), jnp.asarray(eta_dot, dtype=float), jnp.zeros(6))
 
 
 def given(estimate, reference, shortfall=np.zeros(6)):

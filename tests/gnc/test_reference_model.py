@@ -1,9 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Setpoint
-from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.frames import (
+    quaternion_exp,
+    quaternion_from_euler,
+    quaternion_log,
+    quaternion_rate,
+    rotation_error,
+)
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.control.reference_model import ReferenceModel
 
@@ -13,7 +21,9 @@ KEY = jax.random.key(0)
 def setpoint(eta, nu=np.zeros(6)):
     zero = jnp.zeros((), dtype=int)
     eta, nu = jnp.asarray(eta, dtype=float), jnp.asarray(nu, dtype=float)
-    return Setpoint(eta, nu, jnp.zeros(3), jnp.zeros(3), jnp.asarray(False), zero, zero, zero)
+    return Setpoint(
+        eta[:3], quaternion_from_euler(eta[3:]), nu, jnp.zeros(3), jnp.zeros(3), jnp.asarray(False), zero, zero, zero
+    )
 
 
 def follow(model, start, target, dt, n):
@@ -35,19 +45,40 @@ def analytic(delta, w, t):
 def test_step_response_is_exact(delta, dt):
     model = ReferenceModel(jnp.full(6, delta), jnp.full(6, 1.5), jnp.full(6, jnp.inf))
     n = round(6 / dt)
-    path = follow(model, Start.at((1.0, 2.0, 3.0)), setpoint([2.0, 0.0, 7.0, 0.1, -0.2, 0.5]), dt, n)
+    turn = jnp.array([0.1, -0.2, 0.5])
+    there = replace(setpoint([2.0, 0.0, 7.0, 0, 0, 0]), attitude=quaternion_exp(turn))
+    path = follow(model, Start.at((1.0, 2.0, 3.0)), there, dt, n)
     expected = analytic(delta, 1.5, dt * np.arange(1, n + 1))[:, None]
-    begin, end = np.array([1, 2, 3, 0, 0, 0]), np.array([2, 0, 7, 0.1, -0.2, 0.5])
+    begin, end = np.array([1, 2, 3]), np.array([2, 0, 7])
     # Close to critical damping it is the oracle that loses digits: its two poles cancel.
     accuracy = 3e-9 if 0 < abs(delta - 1) < 1e-3 else 1e-11
-    np.testing.assert_allclose(path.eta, begin + (end - begin) * expected, atol=accuracy)
+    np.testing.assert_allclose(path.position, begin + (end - begin) * expected, atol=accuracy)
+    np.testing.assert_allclose(jax.vmap(quaternion_log)(path.attitude), turn * expected, atol=accuracy)
 
 
 def test_rates_are_the_derivatives_of_the_path():
     dt = 1e-3
     path = follow(ReferenceModel.thesis(), Start.at(), setpoint([1, -2, 3, 0.2, 0, 2.0]), dt, 3000)
-    np.testing.assert_allclose(np.gradient(path.eta, dt, axis=0)[1:-1], path.eta_dot[1:-1], atol=1e-5)
-    np.testing.assert_allclose(np.gradient(path.eta_dot, dt, axis=0)[1:-1], path.eta_ddot[1:-1], atol=3e-5)
+
+    def differs(value, rate, atol):
+        np.testing.assert_allclose(np.gradient(value, dt, axis=0)[1:-1], rate[1:-1], atol=atol)
+
+    differs(path.position, path.velocity, 1e-5)
+    differs(path.velocity, path.acceleration, 3e-5)
+    differs(path.attitude, jax.vmap(quaternion_rate)(path.attitude, path.angular_velocity), 1e-5)
+    differs(path.angular_velocity, path.angular_acceleration, 3e-5)
+
+
+def test_an_attitude_whose_axes_have_bandwidths_of_their_own_arrives_and_its_rate_is_the_one_it_turns_at():
+    dt, w = 1e-3, jnp.array([1.5, 1.5, 1.5, 0.8, 2.0, 1.2])
+    model = ReferenceModel(jnp.ones(6), w, jnp.full(6, jnp.inf))
+    there = setpoint([0, 0, 0, 1.0, 0.8, 2.5])
+    path = follow(model, Start.at(), there, dt, 15000)
+    rate = np.gradient(path.attitude, dt, axis=0)[1:-1]
+    turns = jax.vmap(quaternion_rate)(path.attitude, path.angular_velocity)[1:-1]
+    np.testing.assert_allclose(rate, turns, atol=2e-3)  # the tick's own length: to first order
+    np.testing.assert_allclose(rotation_error(there.attitude, path.attitude[-1]), 0.0, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(path.attitude, axis=1), 1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("begin", "end"), [(3.0, -3.0), (-3.0, 3.0), (0.5, -2.0), (-3.1, 0.0)])
@@ -67,17 +98,18 @@ def test_begins_where_the_vehicle_is_and_as_it_moves():
     start = Start(jnp.array([4.0, 5.0, 6.0]), quaternion_from_euler(euler), jnp.array([0.3, 0, 0, 0, 0, 0.1]))
     memory = ReferenceModel.thesis().init(KEY, start)
     np.testing.assert_allclose(memory.eta, [4, 5, 6, 0.1, -0.2, 2.5], atol=1e-12)
-    assert np.hypot(*memory.eta_dot[:2]) == pytest.approx(0.3 * np.cos(0.2))
+    assert np.hypot(*memory.velocity[:2]) == pytest.approx(0.3 * np.cos(0.2))
     at_rest = ReferenceModel.thesis().init(KEY, Start.at((4.0, 5.0, 6.0), 2.5))
     after, _ = ReferenceModel.thesis().step(at_rest, setpoint([4, 5, 6, 0, 0, 2.5]), 0.02)
     np.testing.assert_allclose(after.eta, at_rest.eta, atol=1e-12)
+    np.testing.assert_allclose(memory.angular_velocity, [0.0, 0.0, 0.1])
 
 
 def test_speed_of_the_way_point_is_kept_on_a_straight_path_without_overshoot():
     speed, target = 0.25, np.array([3.0, -4.0, 1.0, 0, 0, 0])
     expected = setpoint(target, [speed, 0, 0, 0, 0, 0])
     path = follow(ReferenceModel.thesis(obey_speed=True), Start.at(), expected, 0.02, 2000)
-    going = np.hypot(path.eta_dot[:, 0], path.eta_dot[:, 1])
+    going = np.hypot(path.velocity[:, 0], path.velocity[:, 1])
     assert going.max() == pytest.approx(speed, rel=1e-9)
     along = np.asarray(path.eta[:, :2]) @ [0.6, -0.8]
     np.testing.assert_allclose(path.eta[:, :2], along[:, None] * [0.6, -0.8], atol=1e-9)
@@ -86,13 +118,13 @@ def test_speed_of_the_way_point_is_kept_on_a_straight_path_without_overshoot():
     assert 5.0 / speed < 0.02 * np.argmax(along > 4.99) < 5.0 / speed + 6
 
     free = follow(ReferenceModel.thesis(), Start.at(), expected, 0.02, 400)
-    assert np.hypot(*np.asarray(free.eta_dot[:, :2]).T).max() > 2.0
+    assert np.hypot(*np.asarray(free.velocity[:, :2]).T).max() > 2.0
 
 
 def test_speed_of_the_way_point_is_kept_while_diving():
     down = setpoint([0, 0, 3.0, 0, 0, 0], [0, 0, 0.2, 0, 0, 0])
     path = follow(ReferenceModel.thesis(obey_speed=True), Start.at(), down, 0.02, 1500)
-    assert path.eta_dot[:, 2].max() == pytest.approx(0.2, rel=1e-9)
+    assert path.velocity[:, 2].max() == pytest.approx(0.2, rel=1e-9)
     assert path.eta[:, 2].max() <= 3.0 and path.eta[-1, 2] == pytest.approx(3.0, abs=1e-3)
 
 
@@ -100,7 +132,8 @@ def test_speed_limit_of_an_axis():
     limit = jnp.array([jnp.inf, jnp.inf, 0.1, jnp.inf, jnp.inf, 0.2])
     model = ReferenceModel(jnp.ones(6), jnp.full(6, 1.5), limit)
     path = follow(model, Start.at(), setpoint([1, 1, 2.0, 0, 0, 3.0]), 0.02, 1500)
-    assert np.all(np.abs(path.eta_dot) <= limit + 1e-12)
+    rate = np.concatenate([path.velocity, path.angular_velocity], axis=1)
+    assert np.all(np.abs(rate) <= limit + 1e-12)
     np.testing.assert_allclose(path.eta[-1], [1, 1, 2, 0, 0, 3], atol=1e-3)
     np.testing.assert_allclose(np.diff(path.eta[:, 2])[100:500], 0.1 * 0.02, atol=1e-12)
 

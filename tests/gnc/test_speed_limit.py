@@ -9,7 +9,7 @@ from tests.gnc.flying import DT, route, thirty_kg, two_bodies
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Estimate
-from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.frames import quaternion_from_euler, rotation_from_euler, yaw_rotation
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.guidance.path_following import SLOWEST, PathGuidance
 from rovtwin.gnc.guidance.speed_limit import FREE, AchievableSpeed
@@ -31,7 +31,7 @@ def pushed(eta, velocity, current):
     nu, nu_r = (jnp.concatenate([R.T @ jnp.append(v, 0.0), jnp.zeros(3)]) for v in (velocity, velocity - current))
     force = R @ (damping_wrench(MODEL, nu) - damping_wrench(MODEL, nu_r))[:3]
     bias = jnp.concatenate([force, jnp.zeros(3)])
-    return Estimate(eta, nu, bias, jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
+    return Estimate.from_euler(eta, nu, bias, jnp.eye(12), jnp.zeros(1), jnp.zeros(1))
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7, -2.5])
@@ -45,7 +45,7 @@ def test_a_horizontal_current_runs_along_the_heave_axis_of_a_vehicle_that_rolls(
     """The monitor of thrusters took what Munk's moment made of that for a lost heave thruster."""
     roll, flow = 0.35, 0.1
     level = pushed(jnp.array([0, 0, 3, 0, 0, 0.0]), jnp.zeros(2), jnp.array([0.0, flow]))
-    rolled = dataclasses.replace(level, eta=level.eta.at[3].set(roll))
+    rolled = dataclasses.replace(level, attitude=quaternion_from_euler(jnp.array([roll, 0.0, 0.0])))
     np.testing.assert_allclose(SUSTAINED.through_water(level)[:3], [0.0, -flow, 0.0], atol=1e-9)
     expected = [0.0, -flow * np.cos(roll), flow * np.sin(roll)]
     np.testing.assert_allclose(SUSTAINED.through_water(rolled)[:3], expected, atol=1e-9)
@@ -81,8 +81,8 @@ def speeds(guidance, current, corners=((6, 0), (6, 6)), seconds=100, leg=0.25):
 
     def tick(carry, _):
         memory, nu = carry
-        R = rotation_from_euler(jnp.array([0.0, 0.0, 1.0]) * memory.eta[5])
-        estimate = pushed(memory.eta, (R @ nu[:3])[:2], current)
+        eta = jnp.concatenate([memory.position, jnp.zeros(2), memory.heading[None]])
+        estimate = pushed(eta, (yaw_rotation(memory.heading) @ nu[:3])[:2], current)
         memory, asked = guidance.step(
             memory, GuidanceInput(estimate, plan, Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(0))), DT
         )

@@ -439,7 +439,7 @@ def test_time_runs_out_from_the_beginning_of_the_mission_and_is_wound_up_by_arm(
     assert mode == MODE_PAUSED and float(memory.watch.elapsed) < 1.0
 
 
-@pytest.mark.parametrize("part", ["eta", "nu", "bias", "covariance"])
+@pytest.mark.parametrize("part", ["position", "attitude", "nu", "bias", "covariance"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_what_is_not_a_number_aborts(part, value):
     fine = at()

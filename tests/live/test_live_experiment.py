@@ -284,7 +284,7 @@ def test_without_positions_no_thruster_looks_for_home(parts):
         return autopilot.step(readings)
 
     def eta():
-        return autopilot.unpacked([autopilot.taken], [autopilot.given])[1].estimate.eta[0]
+        return autopilot.unpacked([autopilot.taken], [autopilot.given])[1].estimate.position[0]
 
     for k in range(110):
         tick(1.0 + 0.01 * k, 2.0)  # with 0.5 m/s off to the north, until the way home has begun

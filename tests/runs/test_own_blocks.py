@@ -43,6 +43,7 @@ import jax.numpy as jnp
 import numpy as np
 import rovtwin
 from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Wrench
+from rovtwin.core.frames import level_attitude, rotation_error, yaw_rotation
 from rovtwin.gnc.interfaces import Allocated
 
 
@@ -56,12 +57,10 @@ class Springs(rovtwin.Block):
         return None
 
     def step(self, memory, input, dt):
-        error = input.reference.eta - input.estimate.eta
-        psi = input.estimate.eta[5]
-        c, s = jnp.cos(psi), jnp.sin(psi)
-        ahead, aside = c * error[0] + s * error[1], -s * error[0] + c * error[1]
-        yaw = jnp.arctan2(jnp.sin(error[5]), jnp.cos(error[5]))
-        error = jnp.stack([ahead, aside, error[2], 0.0, 0.0, yaw])
+        estimate, reference = input.estimate, input.reference
+        away = yaw_rotation(estimate.heading).T @ (reference.position - estimate.position)
+        turn = rotation_error(reference.attitude, estimate.attitude)
+        error = jnp.concatenate([away, turn * jnp.array([0.0, 0.0, 1.0])])
         tau = self.stiffness * error - self.damping * input.estimate.nu * jnp.array([1, 1, 1, 0, 0, 0.3])
         return memory, Wrench(tau, jnp.zeros(6, bool))
 
@@ -100,7 +99,7 @@ class Raising(Springs):
 
 class Choosing(Springs):
     def step(self, memory, input, dt):
-        error = input.reference.eta - input.estimate.eta
+        error = input.reference.velocity
         if error[0] > 1.0:
             error = 2.0 * error
         return memory, Wrench(error, jnp.zeros(6, bool))
@@ -108,12 +107,12 @@ class Choosing(Springs):
 
 class Converting(Springs):
     def step(self, memory, input, dt):
-        return memory, Wrench(np.sin(np.asarray(input.estimate.eta)), jnp.zeros(6, bool))
+        return memory, Wrench(np.sin(np.asarray(input.estimate.nu)), jnp.zeros(6, bool))
 
 
 class Rounding(Springs):
     def step(self, memory, input, dt):
-        return memory, Wrench(jnp.full(6, float(input.estimate.eta[0])), jnp.zeros(6, bool))
+        return memory, Wrench(jnp.full(6, float(input.estimate.position[0])), jnp.zeros(6, bool))
 
 
 class Texts(Springs):
@@ -222,9 +221,9 @@ class Lost(rovtwin.Block):
         return jnp.zeros(())
 
     def step(self, memory, input, dt):
-        six = jnp.full(6, jnp.where(memory < 1.0, 0.0, jnp.nan))
+        place, six = jnp.full(3, jnp.where(memory < 1.0, 0.0, jnp.nan)), jnp.zeros(6)
         nis = jnp.zeros(len(input.measurements))
-        return memory + dt, Estimate(six, jnp.zeros(6), jnp.zeros(6), 1e-4 * jnp.eye(12), nis, nis)
+        return memory + dt, Estimate(place, level_attitude(0.0), six, jnp.zeros(6), 1e-4 * jnp.eye(12), nis, nis)
 
 
 class Whole(rovtwin.Block):

@@ -109,7 +109,8 @@ class Reading(rovtwin.Block):
     def step(self, memory, input, dt):
         oxygen = input.measurements["probe"].value[0, 0]
         nothing = jnp.zeros(len(input.measurements))
-        return memory, Estimate(jnp.zeros(6) + oxygen, jnp.zeros(6), jnp.zeros(6), jnp.eye(12), nothing, nothing)
+        six = jnp.zeros(6)
+        return memory, Estimate.from_euler(six + oxygen, six, six, jnp.eye(12), nothing, nothing)
 '''
 
 

@@ -1,7 +1,8 @@
 """What flows through the loop: Measurement -> Estimate; Mission -> Setpoint -> Reference -> Wrench -> Command.
 
-All are immutable pytrees of arrays, SI and radians. `eta = [x, y, z, phi, theta, psi]` (n, zyx Euler angles),
-`nu = [u, v, w, p, q, r]` and `tau = [X, Y, Z, K, M, N]` (b at CO).
+All are immutable pytrees of arrays, SI and radians. `nu = [u, v, w, p, q, r]` and `tau = [X, Y, Z, K, M, N]` (b at CO).
+Attitude is a unit quaternion `[w, x, y, z]` that maps b to n. For files, screens and the thesis's blocks there is
+`eta = [x, y, z, phi, theta, psi]` (n, zyx Euler angles), in which a pitch of 90 degrees is singular.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,17 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.arrays.small_matrices import product
+from rovtwin.core.frames import (
+    body_rates_from_euler_rates,
+    euler_from_quaternion,
+    euler_rate_matrix,
+    heading_of,
+    level_attitude,
+    quaternion_from_euler,
+    rotation_from_quaternion,
+)
+from rovtwin.core.numerics import Array, jax, jnp
 
 PHASES = (
     *("idle", "dive", "turn", "go", "hold", "paused", "finished", "aborted"),
@@ -103,10 +114,12 @@ class Estimate(eqx.Module):
     """The observer's estimate.
 
     Attributes:
-        eta: Pose, shape (6,) [m, rad].
+        position: CO in n [m], shape (3,).
+        attitude: Unit quaternion [w, x, y, z], maps b to n, shape (4,).
         nu: Body velocity over ground, shape (6,) [m/s, rad/s].
         bias: Slowly varying disturbance wrench b, shape (6,) [N, N m]; force in n, moment in b (J^-1 b of thesis 2.36).
-        covariance: Of [eta, nu], shape (12, 12).
+        covariance: Of the errors of position in n, attitude and nu, shape (12, 12); the attitude's is a small rotation
+            seen from b: R_true = R exp(S(error)).
         nis: Normalised innovation squared summed per sensor in this tick, shape (n_sensors,), in sorted order of the
             sensors' names; 0 where none came.
         nis_dof: Number of scalar innovations in each sum, shape (n_sensors,).
@@ -116,7 +129,8 @@ class Estimate(eqx.Module):
             tell it.
     """
 
-    eta: Array
+    position: Array
+    attitude: Array
     nu: Array
     bias: Array
     covariance: Array
@@ -125,10 +139,38 @@ class Estimate(eqx.Module):
     wave: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
     bias_std: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
 
+    @classmethod
+    def from_euler(
+        cls, eta: Array, nu: Array, bias: Array, covariance: Array, *others: Array, **named: Array
+    ) -> "Estimate":
+        """Of a pose with Euler angles, shape (6,), and the covariance of [eta, nu]; the rest as it is."""
+        W = body_rates_from_euler_rates(eta[3:])
+
+        def turned(rows: Array) -> Array:
+            return jnp.concatenate([rows[:3], product(W, rows[3:6]), rows[6:]])
+
+        attitude = quaternion_from_euler(eta[3:])
+        return cls(eta[:3], attitude, nu, bias, turned(turned(covariance).T), *others, **named)
+
+    @property
+    def eta(self) -> Array:
+        """Pose with zyx Euler angles [m, rad], shape (..., 6)."""
+        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
+
+    @property
+    def heading(self) -> Array:
+        """See `frames.heading_of` [rad]."""
+        return heading_of(self.attitude)
+
+    @property
+    def R_nb(self) -> Array:
+        """Maps b to n, shape (3, 3)."""
+        return rotation_from_quaternion(self.attitude)
+
     @property
     def slow_position(self) -> Array:
         """Where CO is but for the waves, n [m], shape (3,)."""
-        return self.eta[:3] - self.wave[:3]
+        return self.position - self.wave[:3]
 
     def slow_velocity(self, to_b: Array) -> Array:
         """Velocity over ground but for the waves, b [m/s], shape (n,); R_bn or its level part given, shape (n, n)."""
@@ -225,8 +267,10 @@ class Setpoint(eqx.Module):
     """What guidance asks for.
 
     Attributes:
-        eta: Desired pose, shape (6,).
-        nu: Desired body velocity, shape (6,).
+        position: Desired place of CO, n [m], shape (3,).
+        attitude: Desired attitude, a unit quaternion, shape (4,); `level_attitude` of `core.frames` makes one of a
+            heading.
+        nu: Desired velocity along the axes of the desired attitude, shape (6,).
         leg_start: Start of the current leg [m], shape (3,).
         leg_end: Its end, the way-point aimed at [m], shape (3,).
         on_leg: Whether the vehicle follows a leg (phase go), bool.
@@ -237,7 +281,8 @@ class Setpoint(eqx.Module):
         progress: How guidance gets on.
     """
 
-    eta: Array
+    position: Array
+    attitude: Array
     nu: Array
     leg_start: Array
     leg_end: Array
@@ -248,13 +293,58 @@ class Setpoint(eqx.Module):
     fixed_heading: Array = eqx.field(default_factory=lambda: jnp.asarray(False))
     progress: Progress = eqx.field(default_factory=Progress.unreported)
 
+    @classmethod
+    def level(cls, position: Array, heading: Array, *others: Any, **named: Any) -> "Setpoint":
+        """At a place, shape (3,), level, with a heading [rad]; the rest as it is."""
+        return cls(position, level_attitude(heading), *others, **named)
+
+    @property
+    def eta(self) -> Array:
+        """Pose with zyx Euler angles [m, rad], shape (..., 6)."""
+        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
+
+    @property
+    def heading(self) -> Array:
+        """See `frames.heading_of` [rad]."""
+        return heading_of(self.attitude)
+
 
 class Reference(eqx.Module):
-    """The smooth path to the set-point: eta (6,), its rate eta_dot (6,) and eta_ddot (6,)."""
+    """The smooth path to the set-point. Its own axes d are those that `attitude` maps to n.
 
-    eta: Array
-    eta_dot: Array
-    eta_ddot: Array
+    Attributes:
+        position: In n [m], shape (3,).
+        attitude: Unit quaternion, maps d to n, shape (4,).
+        velocity: Of the position, n [m/s], shape (3,).
+        angular_velocity: Of d, seen from d [rad/s], shape (3,).
+        acceleration: Of the position, n [m/s2], shape (3,).
+        angular_acceleration: Rate of the angular velocity, d [rad/s2], shape (3,).
+    """
+
+    position: Array
+    attitude: Array
+    velocity: Array
+    angular_velocity: Array
+    acceleration: Array
+    angular_acceleration: Array
+
+    @classmethod
+    def from_euler(cls, eta: Array, eta_dot: Array, eta_ddot: Array) -> "Reference":
+        """Of a pose with Euler angles and its rates, shapes (6,)."""
+        euler, rate, change = eta[3:], eta_dot[3:], eta_ddot[3:]
+        omega, omega_dot = jax.jvp(lambda e, r: body_rates_from_euler_rates(e) @ r, (euler, rate), (rate, change))
+        return cls(eta[:3], quaternion_from_euler(euler), eta_dot[:3], omega, eta_ddot[:3], omega_dot)
+
+    @property
+    def eta(self) -> Array:
+        """Pose with zyx Euler angles [m, rad], shape (..., 6)."""
+        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
+
+    @property
+    def eta_dot(self) -> Array:
+        """Its rate [m/s, rad/s], shape (6,)."""
+        T = euler_rate_matrix(euler_from_quaternion(self.attitude))
+        return jnp.concatenate([self.velocity, T @ self.angular_velocity])
 
 
 class Wrench(eqx.Module):

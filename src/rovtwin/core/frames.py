@@ -10,7 +10,7 @@ Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Cont
 from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.core.types import Matrix3, Quaternion, Scalar, Vector3
+from rovtwin.core.types import Matrix3, Quaternion, Scalar, Vector2, Vector3
 
 
 def skew(a: Vector3) -> Matrix3:
@@ -104,6 +104,80 @@ def quaternion_normalise(q: Quaternion) -> Quaternion:
     return q / jnp.sqrt(jnp.sum(q * q))
 
 
+def quaternion_exp(rotation: Vector3) -> Quaternion:
+    """Unit quaternion of a rotation vector [rad]; smooth at zero. Sola (2017), sec. 2.4."""
+    square = rotation @ rotation
+    near = square < 1e-6
+    angle = jnp.sqrt(jnp.where(near, 1.0, square))
+    # Below a thousandth of a radian two terms of the series are exact, and have a gradient at zero.
+    real = jnp.where(near, 1.0 - square / 8.0, jnp.cos(0.5 * angle))
+    share = jnp.where(near, 0.5 - square / 48.0, jnp.sin(0.5 * angle) / angle)
+    return jnp.concatenate([real[None], share * rotation])
+
+
+def quaternion_log(q: Quaternion) -> Vector3:
+    """The rotation vector of a unit quaternion [rad], the short way round: at most pi long.
+
+    Smooth at zero; at half a turn it jumps to the other way round, for both are as long. Sola (2017), sec. 2.4.
+    """
+    return _rotation_vector(q[0], q[1:])
+
+
+def rotation_error(desired: Quaternion, q: Quaternion) -> Vector3:
+    """The rotation vector that turns attitude q into the desired one, seen from b [rad].
+
+    Log(q^-1 q_d): the local error of Sola (2017), sec. 4. Its direction is the axis to turn about, its length the
+    angle, so that for a level vehicle it is the heading's error; see `quaternion_log` for half a turn.
+    """
+    u, v = q[1:], desired[1:]
+    return _rotation_vector(q[0] * desired[0] + u @ v, q[0] * v - desired[0] * u - cross(u, v))
+
+
+def _rotation_vector(real: Scalar, vector: Vector3) -> Vector3:
+    """Of the real part and the vector of a unit quaternion."""
+    vector, real = jnp.where(real < 0.0, -vector, vector), jnp.abs(real)
+    square = vector @ vector
+    near = square < 1e-6
+    sine = jnp.sqrt(jnp.where(near, 1.0, square))
+    # arctan2 takes what is not near alone: where both its arguments are zero it has no gradient.
+    angle = 2.0 * jnp.arctan2(sine, jnp.where(near, 1.0, real))
+    return jnp.where(near, 2.0 + square / 3.0, angle / sine) * vector
+
+
+def heading_of(q: Float[Array, "*axes 4"]) -> Float[Array, "*axes"]:
+    """Heading of attitudes [rad]: of the turn about the vertical that is nearest.
+
+    Of a vehicle that rolls or pitches only, it is psi; of one that does both it differs by about half of phi theta, and
+    it is the heading that is left when the vehicle comes level the short way. Other than psi it goes on through a pitch
+    of 90 degrees; without meaning is it only upside down. The vertical part of a swing-twist decomposition: Dobrowolski
+    (2015), Swing-twist decomposition in Clifford algebra.
+    """
+    w, _, _, z = jnp.moveaxis(q, -1, 0)
+    return jnp.arctan2(2.0 * w * z, w * w - z * z)
+
+
+def level_attitude(heading: Float[Array, "*axes"] | float) -> Float[Array, "*axes 4"]:
+    """Quaternions of level vehicles, of headings [rad]."""
+    half = 0.5 * jnp.asarray(heading)
+    zero = jnp.zeros_like(half)
+    return jnp.stack([jnp.cos(half), zero, zero, jnp.sin(half)], axis=-1)
+
+
+def tilt_of(q: Quaternion) -> Vector2:
+    """The rest of an attitude beside `heading_of`: the rotation about x and y of b that tilts it [rad].
+
+    Of a vehicle that rolls or pitches only, it is that angle.
+    """
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    level = w * w + z * z  # (1 + cos tilt) / 2
+    half = jnp.stack([w * x + z * y, w * y - z * x])  # of its sine, along its axis
+    square = half @ half
+    near = (square < 1e-6) & (level > 0.5)
+    sine = jnp.sqrt(jnp.where(near, 1.0, jnp.maximum(square, 1e-24)))
+    angle = 2.0 * jnp.arctan2(sine, jnp.where(near, 1.0, level))
+    return jnp.where(near, (2.0 - square / level**2 / 1.5) / level, angle / sine) * half
+
+
 def quaternion_turned(q: Quaternion, half: Vector3) -> Quaternion:
     """q after a small rotation in b, half of it given [rad]: exact to second order."""
     return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
@@ -128,16 +202,17 @@ def quaternion_from_euler(euler: Vector3) -> Quaternion:
     )
 
 
-def euler_from_quaternion(q: Quaternion) -> Vector3:
-    """zyx Euler angles [phi, theta, psi] [rad] of a unit quaternion; singular at theta = +-pi/2."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
+def euler_from_quaternion(q: Float[Array, "*axes 4"]) -> Float[Array, "*axes 3"]:
+    """zyx Euler angles [phi, theta, psi] [rad] of unit quaternions; singular at theta = +-pi/2."""
+    w, x, y, z = jnp.moveaxis(q, -1, 0)
     sine = jnp.clip(2 * (w * y - x * z), -1.0, 1.0)
-    return jnp.array(
+    return jnp.stack(
         [
             jnp.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
             jnp.arcsin(sine),
             jnp.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)),
-        ]
+        ],
+        axis=-1,
     )
 
 

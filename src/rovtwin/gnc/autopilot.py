@@ -19,7 +19,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.control.reference_model import ReferenceModel
-from rovtwin.gnc.guard import checked, kept, masked, retried
+from rovtwin.gnc.guard import checked, kept, masked, nothing, retried
 from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping, CourseMemory
 from rovtwin.gnc.guidance.terrain_following import TerrainFollowing, TerrainInput, TerrainMemory
 from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, ObserverInput
@@ -174,7 +174,7 @@ class Autopilot(Block):
         contingency, setpoint = self.contingency.step(
             memory.contingency, ContingencyInput(asked, known, mode, _fresh(input)), dt
         )
-        place = setpoint.eta[:3]  # before course keeping puts it beside the vehicle
+        place = setpoint.position  # before course keeping puts it beside the vehicle
         course, setpoint = self._steered(memory.course, setpoint, known, dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
         failed, path = checked(failed, "reference", path)
@@ -255,6 +255,6 @@ def _fresh(input: AutopilotInput) -> Array:
 
 
 def _usable(estimate: Estimate) -> Estimate:
-    """The estimate, or zeros where it is not a number: thrusters are off then, and no memory catches it."""
+    """The estimate, or `nothing` where it is not a number: thrusters are off then, and no memory catches it."""
     fine = is_finite(estimate)
-    return jax.tree.map(lambda leaf: jnp.where(fine, leaf, jnp.zeros_like(leaf)), estimate)
+    return jax.tree.map(lambda leaf, none: jnp.where(fine, leaf, none), estimate, nothing(estimate))

@@ -23,7 +23,14 @@ from rovtwin.core.flow import (
     Setpoint,
     Wrench,
 )
-from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap, yaw_rotation
+from rovtwin.core.frames import (
+    heading_of,
+    level_attitude,
+    quaternion_from_euler,
+    rotation_from_quaternion,
+    wrap,
+    yaw_rotation,
+)
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_PAUSED
 from rovtwin.gnc.mounting import Mount, at_co
@@ -46,16 +53,21 @@ LEVEL = np.array([True, True, False])  # what a position tells
 
 
 class RawEstimate(eqx.Module):
-    """What the readings say: position and its rate in n, shapes (3,), Euler angles and body rates, shapes (3,).
+    """What the readings say: position and its rate in n, shapes (3,), attitude, shape (4,), and body rates, shape (3,).
 
     `quiet` is the time since a position was received [s].
     """
 
     position: Array
     velocity: Array
-    euler: Array
+    attitude: Array
     rates: Array
     quiet: Array
+
+    @property
+    def heading(self) -> Array:
+        """See `frames.heading_of` [rad]."""
+        return heading_of(self.attitude)
 
     @property
     def lost(self) -> Array:
@@ -96,7 +108,7 @@ class HoldingGains(eqx.Module):
 
 
 class ExperimentMemory(eqx.Module):
-    """Readings, supervisor's mode, pose to hold and come home to (6,), integral of the heading [share], tick, int."""
+    """Readings, supervisor's mode, home (4,), integral of the heading [share], tick, int."""
 
     estimate: RawEstimate
     supervisor: SupervisorMemory
@@ -140,7 +152,7 @@ class Experiment(Block):
         mounts: Sensors that do not sit at CO along the axes of b, by name.
         smoothing: Share of a position's surprise that is accepted.
         tracking: Rate at which its speed is corrected [1/s].
-        home: Pose that it comes home to and holds, n, Euler angles last, shape (6,); None: the one it starts at.
+        home: Place in n [m] and heading [rad] that it comes home to and holds, shape (4,); None: those it starts at.
     """
 
     mixing: Array
@@ -166,17 +178,17 @@ class Experiment(Block):
         return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {}, home=home)
 
     def init(self, key: Array, start: Start) -> ExperimentMemory:
-        euler = euler_from_quaternion(start.attitude)
-        raw = RawEstimate(start.position, jnp.zeros(3), euler, start.velocity[3:], jnp.zeros(()))
-        here = jnp.concatenate([start.position, jnp.zeros(2), euler[2:]])
+        raw = RawEstimate(start.position, jnp.zeros(3), start.attitude, start.velocity[3:], jnp.zeros(()))
+        here = jnp.append(start.position, raw.heading)
         home = here if self.home is None else self.home
         return ExperimentMemory(raw, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int))
 
     def step(
         self, memory: ExperimentMemory, input: AutopilotInput, dt: float
     ) -> tuple[ExperimentMemory, AutopilotOutput]:
-        before = memory.estimate
-        raw = self._listen(before, at_co(input.measurements, self.mounts, before.euler, before.rates), dt)
+        before, home = memory.estimate, memory.home
+        R_nb = rotation_from_quaternion(before.attitude)
+        raw = self._listen(before, at_co(input.measurements, self.mounts, R_nb, before.rates), dt)
         estimate = _estimate(raw, len(input.measurements))
         supervisor, mode = self.supervisor.step(
             memory.supervisor, SupervisorInput(estimate, input.request, input.measurements, input.host), dt
@@ -186,8 +198,8 @@ class Experiment(Block):
         row = line.row[now]
 
         hold = jnp.where(paused, STATION, line.hold[row])
-        away, speed = _away(memory.home, raw)
-        away = away.at[5].set(self._course(hold, memory.home, raw, away[5]))
+        away, speed = _away(home, raw)
+        away = away.at[5].set(self._course(hold, home, raw, away[5]))
         integral, held = self._pid(memory.integral, hold, away, speed, dt)
         share = held + jnp.where(paused, 0.0, line.share[now] + line.keep[row] * away)
         active = mode.active & ~over & (paused | line.on[row])
@@ -198,19 +210,20 @@ class Experiment(Block):
         # The first end counts: thrusters are off after it, and what the supervisor thinks then is of no test.
         aborted = ~over & (mode.mode == MODE_ABORTED)
         phase, reason = jnp.where(aborted, ABORTED, phase), jnp.where(over, NO_REASON, mode.reason)
-        still, place = jnp.zeros(6), memory.home[:3]
-        setpoint = Setpoint(memory.home, still, place, place, phase < 0, line.manoeuvre[row], phase, reason)
+        still, place, attitude = jnp.zeros(6), home[:3], level_attitude(home[3])
+        number = line.manoeuvre[row]
+        setpoint = Setpoint(place, attitude, still, place, place, phase < 0, number, phase, reason)
         after = ExperimentMemory(
-            raw, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over | aborted, 0, 1)
+            raw, supervisor, home, integral, memory.tick + jnp.where(paused | over | aborted, 0, 1)
         )
-        path, wrench = Reference(memory.home, still, still), Wrench(still, still > 0.0)
+        path, wrench = Reference(place, attitude, *(still[:3],) * 4), Wrench(still, still > 0.0)
         return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
 
     def _course(self, hold: Array, home: Array, raw: RawEstimate, turn: Array) -> Array:
         """Angle that the heading has to turn by [rad]: without sway, bow or stern to home until that is near."""
         way = jnp.where(raw.lost[:2], 0.0, home[:2] - raw.position[:2])
         far = jnp.clip(jnp.sqrt(jnp.sum(way**2) + 1e-12) / self.gains.reach - 0.5, 0.0, 1.0) * hold[0] * hold[1]
-        bearing = wrap(jnp.arctan2(way[1], way[0] + jnp.where(far > 0.0, 0.0, 1.0)) - raw.euler[2])
+        bearing = wrap(jnp.arctan2(way[1], way[0] + jnp.where(far > 0.0, 0.0, 1.0)) - raw.heading)
         nearer = jnp.where(jnp.abs(bearing) > 0.5 * jnp.pi, wrap(bearing + jnp.pi), bearing)
         return far * nearer + (1.0 - far) * turn
 
@@ -225,14 +238,14 @@ class Experiment(Block):
     def _listen(self, before: RawEstimate, measurements: Measurements, dt: float) -> RawEstimate:
         """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""
         ahead = before.position + dt * before.velocity
-        seen = [measurements["position"].newest(ahead[:2]), measurements["pressure"].newest(ahead[2:])]
-        surprise = jnp.concatenate(seen) - ahead
+        places = [measurements["position"].newest(ahead[:2]), measurements["pressure"].newest(ahead[2:])]
+        surprise, seen = jnp.concatenate(places) - ahead, measurements["attitude"]
         quiet = jnp.where(jnp.any(measurements["position"].valid), 0.0, before.quiet + dt)
         return RawEstimate(
             # The first position after a silence is accepted as it is: what was expected is worth nothing.
             ahead + jnp.where(before.lost, 1.0, self.smoothing) * surprise,
             jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, before.velocity + self.tracking * surprise),
-            measurements["attitude"].newest(before.euler),
+            jnp.where(jnp.any(seen.valid), quaternion_from_euler(seen.newest(jnp.zeros(3))), before.attitude),
             measurements["gyro"].newest(before.rates),
             quiet,
         )
@@ -253,8 +266,8 @@ def mixing(model: Model) -> np.ndarray:
 
 def _away(home: Array, raw: RawEstimate) -> tuple[Array, Array]:
     """Way home along level axes that turn with the heading, and the speed along them, shapes (6,)."""
-    level = yaw_rotation(raw.euler[2]).T
-    turn = wrap(home[5:] - raw.euler[2:])
+    level = yaw_rotation(raw.heading).T
+    turn = wrap(home[3:] - raw.heading)
     tilt = jnp.zeros(2)
     # Where nobody knows the place, it is taken to be home: no thruster looks for it blindly.
     way = jnp.where(raw.lost, 0.0, home[:3] - raw.position)
@@ -264,7 +277,6 @@ def _away(home: Array, raw: RawEstimate) -> tuple[Array, Array]:
 
 def _estimate(raw: RawEstimate, sensors: int) -> Estimate:
     """The readings as an estimate that claims nothing about its error."""
-    R_nb = rotation_from_euler(raw.euler)
-    eta = jnp.concatenate([raw.position, raw.euler])
-    nu = jnp.concatenate([R_nb.T @ raw.velocity, raw.rates])
-    return Estimate(eta, nu, jnp.zeros(6), jnp.zeros((12, 12)), jnp.zeros(sensors), jnp.zeros(sensors))
+    nu = jnp.concatenate([rotation_from_quaternion(raw.attitude).T @ raw.velocity, raw.rates])
+    nis = jnp.zeros(sensors)
+    return Estimate(raw.position, raw.attitude, nu, jnp.zeros(6), jnp.zeros((12, 12)), nis, nis)

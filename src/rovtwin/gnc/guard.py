@@ -26,8 +26,22 @@ def _all_finite(tree: Any) -> Array:
     return jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in floats]))
 
 
+def nothing(tree: Tree) -> Tree:
+    """Zeros for all numbers of what one block gives to another, but for attitudes, which are level."""
+    level = jnp.array([1.0, 0.0, 0.0, 0.0])
+
+    def of(path: tuple[Any, ...], leaf: Array) -> Array:
+        return jnp.broadcast_to(level, leaf.shape) if _named(path) == "attitude" else jnp.zeros_like(leaf)
+
+    return jax.tree_util.tree_map_with_path(of, tree)
+
+
+def _named(path: tuple[Any, ...]) -> str:
+    return str(getattr(path[-1], "name", "")) if path else ""
+
+
 def checked(failed: Array | None, place: Place, given: Tree) -> tuple[Array | None, Tree]:
-    """What a block gave with zeros for all if that is no number, and which block has failed until now.
+    """What a block gave, or `nothing` if that is no number, and which block has failed until now.
 
     Args:
         failed: The first block that has failed before, int: 0 none, else 1 and its place in PLACES; None: nothing is
@@ -39,7 +53,7 @@ def checked(failed: Array | None, place: Place, given: Tree) -> tuple[Array | No
         return None, given
     fine = _all_finite(given)
     failed = jnp.where((failed > 0) | fine, failed, 1 + PLACES.index(place))
-    return failed, jax.tree.map(lambda leaf: jnp.where(fine, leaf, jnp.zeros_like(leaf)), given)
+    return failed, jax.tree.map(lambda leaf, none: jnp.where(fine, leaf, none), given, nothing(given))
 
 
 def retried(failed: Array | None, request: Array) -> Array | None:

@@ -101,14 +101,15 @@ def output_of(input: Any) -> Any:
     Args:
         input: Of one tick, arrays or `jax.ShapeDtypeStruct`s.
     """
-    three, six, zero, no = jnp.zeros(3), jnp.zeros(6), jnp.zeros((), int), jnp.asarray(False)
+    three, four, six = jnp.zeros(3), jnp.zeros(4), jnp.zeros(6)
+    zero, no = jnp.zeros((), int), jnp.asarray(False)
     if isinstance(input, ObserverInput):
         sensors = jnp.zeros(len(input.measurements))
-        return Estimate(six, six, six, jnp.zeros((12, 12)), sensors, sensors)
+        return Estimate(three, four, six, six, jnp.zeros((12, 12)), sensors, sensors)
     if isinstance(input, GuidanceInput):
-        return Setpoint(six, six, three, three, no, zero, zero, zero)
+        return Setpoint(three, four, six, three, three, no, zero, zero, zero)
     if isinstance(input, Setpoint):
-        return Reference(six, six, six)
+        return Reference(three, four, three, three, three, three)
     if isinstance(input, ControlInput):
         return Wrench(six, jnp.zeros(6, bool))
     if isinstance(input, AllocationInput):

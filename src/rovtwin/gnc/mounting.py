@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.flow import Measurements, Slot
-from rovtwin.core.frames import cross, readings_in_body, rotation_from_euler
+from rovtwin.core.frames import cross, readings_in_body
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import IMU, kind_of
 
@@ -31,7 +31,7 @@ class Mount(eqx.Module):
         return (self.rotation * self.rotation) @ jnp.broadcast_to(self.std**2, 3)
 
 
-def at_co(measurements: Measurements, mounts: dict[str, Mount], euler: Array, omega: Array) -> Measurements:
+def at_co(measurements: Measurements, mounts: dict[str, Mount], R_nb: Array, omega: Array) -> Measurements:
     """Readings as sensors at CO along the axes of b would give them, with an estimated attitude and turn rate.
 
     Only turned is specific force: what its lever adds takes the angular acceleration, which readings do not tell.
@@ -39,17 +39,17 @@ def at_co(measurements: Measurements, mounts: dict[str, Mount], euler: Array, om
     Args:
         measurements: As they came; sensors that `mounts` lacks pass as they are.
         mounts: By name.
-        euler: zyx Euler angles of b [rad], shape (3,).
+        R_nb: Attitude, maps b to n, shape (3, 3).
         omega: Angular velocity, b [rad/s], shape (3,).
     """
     return {
-        name: slot if name not in mounts else _moved(slot, kind_of(name), mounts[name], euler, omega)
+        name: slot if name not in mounts else _moved(slot, kind_of(name), mounts[name], R_nb, omega)
         for name, slot in measurements.items()
     }
 
 
-def _moved(slot: Slot, kind: str, mount: Mount, euler: Array, omega: Array) -> Slot:
-    R_nb, lever = rotation_from_euler(euler), mount.lever
+def _moved(slot: Slot, kind: str, mount: Mount, R_nb: Array, omega: Array) -> Slot:
+    lever = mount.lever
     if kind == "position":
         value = slot.value - (R_nb @ lever)[:2]
     elif kind == "pressure":

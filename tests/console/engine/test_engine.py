@@ -413,7 +413,7 @@ class Moored(Helm):
     def __init__(self, model, at):
         self._has_terrain, self._model = False, model
         if at is not None:
-            self.output = SimpleNamespace(estimate=SimpleNamespace(eta=np.array([*at, 0.0, 0.0, 0.0])))
+            self.output = SimpleNamespace(estimate=SimpleNamespace(position=np.array(at)))
 
 
 def moored(bridge, scenario, twin, at=None, model=None):

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rovtwin.core import frames
+from rovtwin.core import flow, frames
 from rovtwin.core.arrays import rotations
 
 MANY = np.array([[0.1, -0.7, 2.0], [-3.0, 1.2, -1.0], [0.4, 0.0, 3.1]])
@@ -41,3 +41,29 @@ def test_skew_and_wrapped_are_those_of_frames():
     np.testing.assert_array_equal(rotations.skew(MANY[0]), frames.skew(MANY[0]))
     angles = np.array([-9.0, -np.pi, 0.0, 3.0, np.pi, 100.0])
     np.testing.assert_allclose(rotations.wrapped(angles), frames.wrap(angles), **EXACT)
+
+
+def test_poses_with_euler_angles_are_those_of_the_flow():
+    q, omega = rotations.quaternion_from_euler(MANY), np.array([0.3, -0.2, 0.5])
+    place, velocity = np.arange(9.0).reshape(3, 3), np.full(3, 0.1)
+    np.testing.assert_allclose(rotations.pose(place, q), np.concatenate([place, MANY], axis=1), atol=1e-13)
+    for one, eta in zip(q, rotations.pose(place, q), strict=True):
+        reference = flow.Reference(eta[:3], one, velocity, omega, velocity, omega)
+        np.testing.assert_allclose(rotations.pose(eta[:3], one), reference.eta, **EXACT)
+        np.testing.assert_allclose(rotations.pose_rate(velocity, omega, one), reference.eta_dot, atol=1e-12)
+
+
+def test_the_covariance_of_a_pose_is_that_of_its_euler_angles():
+    factor, six = np.random.default_rng(1).normal(size=(3, 12, 12)), np.zeros(6)
+    expected = factor @ np.swapaxes(factor, 1, 2)
+    made = [
+        flow.Estimate.from_euler(np.append(six[:3], e), six, six, C, six, six)
+        for e, C in zip(MANY, expected, strict=True)
+    ]
+    covariance, attitude = (np.stack([getattr(one, name) for one in made]) for name in ("covariance", "attitude"))
+    assert not np.allclose(covariance, expected)
+    np.testing.assert_allclose(rotations.pose_covariance(covariance, attitude), expected, rtol=1e-9, atol=1e-9)
+    sampled = np.random.default_rng(2).multivariate_normal(np.zeros(12), 1e-8 * covariance[0], 20_000)[:, 3:6]
+    turned = [frames.quaternion_exp(v) for v in sampled[:2000]]
+    angles = rotations.euler_from_quaternion([frames.quaternion_multiply(attitude[0], q) for q in turned])
+    np.testing.assert_allclose(np.cov(angles.T), 1e-8 * expected[0][3:6, 3:6], rtol=0.3, atol=3e-9)

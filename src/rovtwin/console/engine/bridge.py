@@ -151,7 +151,7 @@ class Bridge:
 
     def _goto(self, order: orders.Goto) -> None:
         helm = self._for_missions(self._underway())
-        depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
+        depth = max(float(helm.output.estimate.position[2]), 0.0) if order.depth is None else order.depth
         own = own_values(Limits.of(self._engine.session.simulation.model))
         speed = own["speed"] if order.speed is None else order.speed
         there = Waypoint(position=[order.x, order.y, depth], speed=speed, acceptance=own["acceptance"])
@@ -232,8 +232,8 @@ class Bridge:
         """The scenario, begun where the vehicle is; before it is armed, where the scenario says."""
         if not self._engine.switch.armed:
             return scenario
-        eta = np.asarray(helm.output.estimate.eta, dtype=float)
-        start = scenario.start.model_copy(update={"position": eta[:3].tolist()})
+        place = np.asarray(helm.output.estimate.position, dtype=float)
+        start = scenario.start.model_copy(update={"position": place.tolist()})
         return scenario.model_copy(update={"start": start})
 
     def _pace(self, order: orders.Pace) -> None:

@@ -1,7 +1,6 @@
 """What flies at the engine's ticks: a compiled autopilot, idle until it is started, that goes on for ever."""
 
 import abc
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, PAUSE, AutopilotOutput, Command, Measurement, Slot
+from rovtwin.core.frames import level_attitude
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.gnc.interfaces import MODE_RUNNING
 from rovtwin.live.flight import ROOM
@@ -95,6 +95,5 @@ class Steering(abc.ABC):
         self._idle, self._request = False, request
 
     def _here(self) -> Start:
-        eta = np.asarray(self.output.estimate.eta)
-        half = 0.5 * float(eta[5])
-        return Start(as_array(eta[:3]), as_array([math.cos(half), 0.0, 0.0, math.sin(half)]), as_array(np.zeros(6)))
+        estimate = self.output.estimate
+        return Start(as_array(estimate.position), level_attitude(estimate.heading), as_array(np.zeros(6)))

@@ -26,6 +26,7 @@ from rovtwin.simulation.camera.sensor import camera_named
 from rovtwin.vehicle import Vehicle
 
 LOG = "log.mcap"
+POSES = ("eta", "setpoint", "reference", "reference_rate")  # shown as they are logged, with Euler angles
 SOURCES_OF = {  # what of a state rests on what of the log
     "eta": ("eta", "to_go"),
     "nu": ("nu",),
@@ -114,7 +115,7 @@ class Recording:
 
     def state(self, t: float) -> dict[str, Any]:
         """All that was the case at a time [s]; the pace at which somebody looks at it is not in it."""
-        report = flown(self._output(t), self.count(t))
+        report = flown(self._output(t), self.count(t)) | {name: self.at(name, t) for name in POSES}
         report |= {key: None for name, keys in SOURCES_OF.items() if name not in self.tape for key in keys}
         timing = self.at("timing", t)
         late, age, thrust = (None, 0.0, 1.0) if timing is None else timing
@@ -174,7 +175,7 @@ class Recording:
         return {"kind": "plan", "draft": self.waypoints(mission), "flown": self.waypoints(mission)} | state
 
     def _output(self, t: float) -> AutopilotOutput:
-        """What the autopilot gave at a time, as far as it was logged; zeros where not."""
+        """What the autopilot gave at a time, as far as it was logged, else zeros; but for POSES, attitudes level."""
 
         def row(name: str, width: int = 6) -> Any:
             found = self.at(name, t)
@@ -182,12 +183,14 @@ class Recording:
 
         leg, (phase, reason, waypoint, on_leg) = row("leg"), row("mode", 4)
         covariance = np.diag(row("std", 12) ** 2)  # all that is logged of it
-        few = np.zeros(0)
+        few: Any = np.zeros(0)
+        three: Any = np.zeros(3)
+        level: Any = np.array([1.0, 0.0, 0.0, 0.0])
         return AutopilotOutput(
             Command(row("u", 0)),
-            Estimate(row("eta"), row("nu"), row("bias"), covariance, few, few, row("wave")),  # type: ignore[arg-type]  (NumPy: to be shown)
-            Setpoint(row("setpoint"), row("nothing"), leg[:3], leg[3:], on_leg > 0.5, waypoint, phase, reason),
-            Reference(row("reference"), row("reference_rate"), row("nothing")),
+            Estimate(row("eta")[:3], level, row("nu"), row("bias"), covariance, few, few, row("wave")),  # type: ignore[arg-type]  (NumPy: to be shown)
+            Setpoint(three, level, row("nothing"), leg[:3], leg[3:], on_leg > 0.5, waypoint, phase, reason),
+            Reference(three, level, three, three, three, three),
             Wrench(row("tau"), row("nothing")),
             row("health", 0),
         )

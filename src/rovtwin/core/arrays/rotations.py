@@ -36,6 +36,47 @@ def euler_from_rotation(R: Float[np.ndarray, "*axes 3 3"]) -> Float[np.ndarray, 
     return np.stack([np.arctan2(R[..., 2, 1], R[..., 2, 2]), theta, np.arctan2(R[..., 1, 0], R[..., 0, 0])], axis=-1)
 
 
+def euler_from_quaternion(q: Any) -> Float[np.ndarray, "*axes 3"]:
+    """zyx Euler angles [phi, theta, psi] [rad] of unit quaternions; singular as above."""
+    w, x, y, z = np.moveaxis(np.asarray(q), -1, 0)
+    phi = np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    theta = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
+    return np.stack([phi, theta, np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))], axis=-1)
+
+
+def pose(position: Any, attitude: Any) -> Float[np.ndarray, "*axes 6"]:
+    """eta of places in n and unit quaternions: for files and screens."""
+    return np.concatenate([position, euler_from_quaternion(attitude)], axis=-1)
+
+
+def euler_rate_matrix(euler: Any) -> Float[np.ndarray, "*axes 3 3"]:
+    """T(Theta), with Theta_dot = T omega, of zyx Euler angles [rad]. Fossen (2021), eq. 2.41."""
+    (cf, ct, _), (sf, st, _) = _cosines_and_sines(euler)
+    zero, one = np.zeros_like(cf), np.ones_like(cf)
+    rows = [[one, sf * st / ct, cf * st / ct], [zero, cf, -sf], [zero, sf / ct, cf / ct]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def pose_rate(velocity: Any, angular_velocity: Any, attitude: Any) -> Float[np.ndarray, "*axes 6"]:
+    """Rate of `pose`, of velocities in n [m/s], angular velocities in b [rad/s] and unit quaternions."""
+    T = euler_rate_matrix(euler_from_quaternion(attitude))
+    return np.concatenate([velocity, (T @ np.asarray(angular_velocity)[..., None])[..., 0]], axis=-1)
+
+
+def pose_covariance(covariance: Any, attitude: Any) -> Float[np.ndarray, "*axes 12 12"]:
+    """Covariance of [eta, nu], of that of an `Estimate`.
+
+    Args:
+        covariance: Of the errors of position, attitude (a rotation in b) and nu.
+        attitude: Unit quaternions.
+    """
+    T = euler_rate_matrix(euler_from_quaternion(attitude))
+    J = np.zeros(np.shape(covariance)) + np.eye(12)
+    J[..., 3:6, 3:6] = T
+    with np.errstate(invalid="ignore"):  # of an estimate that is no number
+        return J @ covariance @ np.swapaxes(J, -1, -2)
+
+
 def quaternion_from_euler(euler: Any) -> Float[np.ndarray, "*axes 4"]:
     """Unit quaternion [w, x, y, z] of zyx Euler angles [phi, theta, psi] [rad]."""
     (cf, ct, cp), (sf, st, sp) = _cosines_and_sines(np.asarray(euler, dtype=float) / 2)

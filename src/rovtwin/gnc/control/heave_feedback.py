@@ -75,14 +75,14 @@ class HeaveFeedback(eqx.Module):
         """The error in depth [m] that asks for a speed up or down [m/s], the least over all surge speeds."""
         return speed * jnp.min(self.gains[:, 1] / self.gains[:, 0])
 
-    def force(self, depth: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array) -> Array:
+    def force(self, depth: Array, heave: Array, nu_r: Array, tilt: Array, wrench: Array) -> Array:
         """Heave force [N].
 
         Args:
             depth: Error, positive if the vehicle has to go down [m].
             heave: Desired velocity less the vehicle's own, b [m/s].
             nu_r: Slow velocity through the water, b, shape (6,).
-            euler: Roll, pitch and yaw, shape (3,).
+            tilt: Roll and pitch, `frames.tilt_of` [rad], shape (2,).
             wrench: What else is asked for, inverse dynamics, b at CO [N, N m], shape (6,): its forces tilt the
                 vehicle, and so does what of its moments nobody makes.
         """
@@ -90,8 +90,8 @@ class HeaveFeedback(eqx.Module):
         turning = self.munk * jnp.stack([nu_r[1], nu_r[0]]) ** 2
         rights = jnp.maximum(self.stiffness - turning, LEFT * self.stiffness)
         at_rest = (self.lever @ wrench[:3] - wrench[3:5]) / rights
-        tilt = jnp.clip(at_rest, -STEEP, STEEP) - euler[:2]
-        return gains[0] * depth + gains[1] * heave - gains[2:4] @ nu_r[3:5] + gains[4:] @ tilt
+        off = jnp.clip(at_rest, -STEEP, STEEP) - tilt
+        return gains[0] * depth + gains[1] * heave - gains[2:4] @ nu_r[3:5] + gains[4:] @ off
 
 
 class _Weights(NamedTuple):

@@ -5,24 +5,31 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Reference, Setpoint
-from rovtwin.core.frames import euler_from_quaternion, euler_rate_matrix, rotation_from_euler, wrap
+from rovtwin.core.frames import (
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_normalise,
+    rotation_error,
+    rotation_from_quaternion,
+)
 from rovtwin.core.numerics import Array, as_array, jnp
 
 _AXIS = jnp.arange(6)
-_ANGLES = _AXIS > 2
 
 
 class ReferenceModel(Block):
-    """eta_ref / eta_d = w^2 / (s^2 + 2 delta w s + w^2) for each DOF in n; memory is the last Reference.
+    """x_ref / x_d = w^2 / (s^2 + 2 delta w s + w^2) for each DOF; memory is the last Reference.
 
-    The response to a set-point that holds over a tick is exact at any dt. Angles go the short way round. A limit on
-    the speed cuts eta_dot, as in Fossen (2021), sec. 12.1.1; x and y are cut by one factor, so that the path between
-    two way-points stays straight.
+    Position moves along the axes of n. Attitude turns about its own axes d, by the rotation vector that is left to the
+    set-point, the short way round: for a turn about one axis, such as that of a level vehicle, that is the same filter
+    of its angle. The response to a set-point that holds over a tick is then exact at any dt. A limit on the speed cuts
+    the velocities, as in Fossen (2021), sec. 12.1.1; x and y are cut by one factor, so that the path between two
+    way-points stays straight.
 
     Attributes:
         damping_ratio: delta, shape (6,).
         frequency: w [rad/s], shape (6,).
-        speed_limit: Largest |eta_dot| [m/s, rad/s], shape (6,); inf is none.
+        speed_limit: Largest velocity in n and angular velocity in d [m/s, rad/s], shape (6,); inf is none.
         obey_speed: Whether horizontal and vertical speed are each kept to the set-point's, where that is not zero.
     """
 
@@ -37,24 +44,27 @@ class ReferenceModel(Block):
         return cls(np.full(6, 1.0), np.full(6, 1.5), np.full(6, np.inf), obey_speed)  # type: ignore[arg-type]  (NumPy)
 
     def init(self, key: Array, start: Start) -> Reference:
-        euler = euler_from_quaternion(start.attitude)
-        rate = [rotation_from_euler(euler) @ start.velocity[:3], euler_rate_matrix(euler) @ start.velocity[3:]]
-        return Reference(jnp.concatenate([start.position, euler]), jnp.concatenate(rate), jnp.zeros(6))
+        velocity, still = rotation_from_quaternion(start.attitude) @ start.velocity[:3], jnp.zeros(3)
+        return Reference(start.position, start.attitude, velocity, start.velocity[3:], still, still)
 
     def step(self, memory: Reference, input: Setpoint, dt: float) -> tuple[Reference, Reference]:
         w, damping = self.frequency, self.damping_ratio * self.frequency
-        ahead = _difference(input.eta, memory.eta)
+        ahead = jnp.concatenate(
+            [input.position - memory.position, rotation_error(input.attitude, memory.attitude)],
+        )
+        before = jnp.concatenate([memory.velocity, memory.angular_velocity])
         c, s, decay = _transition(damping, w, dt)
-        # State of the filter relative to the set-point: [-ahead, eta_dot], decaying as exp(A dt).
-        travelled = ahead - decay * ((c + damping * s) * ahead - s * memory.eta_dot)
-        free = decay * ((c - damping * s) * memory.eta_dot + w**2 * s * ahead)
+        # State of the filter relative to the set-point: [-ahead, rate], decaying as exp(A dt).
+        travelled = ahead - decay * ((c + damping * s) * ahead - s * before)
+        free = decay * ((c - damping * s) * before + w**2 * s * ahead)
 
-        eta_dot = self._limited(free, input.nu)
-        cut = eta_dot != free
-        travelled = jnp.where(cut, 0.5 * dt * (memory.eta_dot + eta_dot), travelled)
-        eta_ddot = jnp.where(cut, 0.0, w**2 * (ahead - travelled) - 2.0 * damping * eta_dot)
-        eta = memory.eta + travelled
-        reference = Reference(jnp.where(_ANGLES, wrap(eta), eta), eta_dot, eta_ddot)
+        rate = self._limited(free, input.nu)
+        cut = rate != free
+        travelled = jnp.where(cut, 0.5 * dt * (before + rate), travelled)
+        change = jnp.where(cut, 0.0, w**2 * (ahead - travelled) - 2.0 * damping * rate)
+        turned = quaternion_multiply(memory.attitude, quaternion_exp(travelled[3:]))
+        place = memory.position + travelled[:3], quaternion_normalise(turned)
+        reference = Reference(*place, rate[:3], rate[3:], change[:3], change[3:])
         return reference, reference
 
     def _limited(self, rate: Array, nu: Array) -> Array:
@@ -68,11 +78,6 @@ class ReferenceModel(Block):
             dive = jnp.sqrt(jnp.where(desired > 0.0, desired, jnp.inf))
             limit = jnp.where(_AXIS == 2, jnp.minimum(limit, dive), limit)
         return jnp.clip(rate, -limit, limit)
-
-
-def _difference(to: Array, since: Array) -> Array:
-    away = to - since
-    return jnp.where(_ANGLES, wrap(away), away)
 
 
 def _transition(damping: Array, frequency: Array, dt: float) -> tuple[Array, Array, Array]:

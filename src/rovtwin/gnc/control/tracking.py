@@ -21,12 +21,11 @@ import numpy as np
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Setpoint, Wrench
 from rovtwin.core.frames import (
-    body_rates_from_euler_rates,
     cross,
     heading_rotation,
-    rotation_from_euler,
-    wrap,
-    yaw_rotation,
+    rotation_error,
+    rotation_from_quaternion,
+    tilt_of,
 )
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation.shared_thrust import SharedThrust
@@ -44,7 +43,6 @@ from rovtwin.vehicle.physics.model import Model
 
 ROUNDING = 1e-9  # of a limit: what products of shares change
 DOWN = jnp.array([0.0, 0.0, 1.0])
-_HORIZONTAL = jnp.arange(6) < 2
 
 
 class PathReference(Block):
@@ -71,14 +69,14 @@ class PathReference(Block):
 
     def step(self, memory: Reference, input: Setpoint, dt: float) -> tuple[Reference, Reference]:
         _, smooth = self.model.step(memory, input, dt)
-        R = yaw_rotation(input.eta[5])
-        rate = jnp.concatenate([R @ input.nu[:3], jnp.zeros(3)])
+        rate = rotation_from_quaternion(input.attitude) @ input.nu[:3]
         # What guidance says of the speed is exact; its difference is the acceleration, a tick late.
-        change = (rate - memory.eta_dot) / dt
-        reference = Reference(
-            jnp.where(_HORIZONTAL, input.eta, smooth.eta),
-            jnp.where(_HORIZONTAL, rate, smooth.eta_dot),
-            jnp.where(_HORIZONTAL, change, smooth.eta_ddot),
+        change = (rate - memory.velocity) / dt
+        reference = replace(
+            smooth,
+            position=jnp.concatenate([input.position[:2], smooth.position[2:]]),
+            velocity=jnp.concatenate([rate[:2], smooth.velocity[2:]]),
+            acceleration=jnp.concatenate([change[:2], smooth.acceleration[2:]]),
         )
         return reference, reference
 
@@ -172,27 +170,31 @@ class Tracking(Block):
 
     def _step(self, memory: TrackingMemory, input: ControlInput, dt: float) -> tuple[TrackingMemory, Wrench]:
         estimate, reference, model = input.estimate, input.reference, self.model
-        euler = estimate.eta[3:]
-        R_nb = rotation_from_euler(euler)
-        R_bn, W = R_nb.T, body_rates_from_euler_rates(euler)
+        R_nb = estimate.R_nb
+        R_bn, tilt = R_nb.T, tilt_of(estimate.attitude)
         slow = estimate.slow_position
         nu = jnp.concatenate([estimate.slow_velocity(R_bn), estimate.nu[3:]])
-        away = reference.eta[:3] - slow
+        away = reference.position - slow
         # Level and depth apart: a filter that jumps sideways must not take the depth control away.
         level = jnp.minimum(1.0, self.reach / jnp.sqrt(jnp.maximum(away[:2] @ away[:2], 1e-12)))
         away = R_bn @ jnp.concatenate([away[:2] * level, jnp.clip(away[2:], -self.reach, self.reach)])
-        turned = W @ wrap(reference.eta[3:] - euler)
+        turned = rotation_error(reference.attitude, estimate.attitude)
         e = jnp.concatenate([away, turned])
-        nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])
-        # Components in b of a velocity that is given in n turn with b.
-        ahead = jnp.concatenate([R_bn @ reference.eta_ddot[:3] - cross(nu[3:], nu_ref[:3]), W @ reference.eta_ddot[3:]])
+        R_nd = rotation_from_quaternion(reference.attitude)
+        nu_ref = jnp.concatenate([R_bn @ reference.velocity, R_bn @ (R_nd @ reference.angular_velocity)])
+        # Components in b of velocities that are the reference's turn with b.
+        ahead = jnp.concatenate(
+            [
+                R_bn @ reference.acceleration - cross(nu[3:], nu_ref[:3]),
+                R_bn @ (R_nd @ reference.angular_acceleration) - cross(nu[3:], nu_ref[3:]),
+            ]
+        )
         if self.tilting is not None:  # as if level: what the tilt makes of the speed is in the feedback's model
-            nu_ref, ahead = (
-                x.at[HEAVE].set(y[HEAVE]) for x, y in ((nu_ref, reference.eta_dot), (ahead, reference.eta_ddot))
-            )
+            nu_ref = nu_ref.at[HEAVE].set(reference.velocity[HEAVE])
+            ahead = ahead.at[HEAVE].set(reference.acceleration[HEAVE])
         allowed = memory.level.factor if self.tilting is None else jnp.ones(())
         nu_ref, eased, asked = self._level(estimate, nu, nu_ref, e, allowed)
-        level = self.allowance.step(memory.level, asked, euler, dt)
+        level = self.allowance.step(memory.level, asked, tilt, dt)
         nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
         desired = (
@@ -207,9 +209,9 @@ class Tracking(Block):
         if self.tilting is not None:
             current = jnp.concatenate([self.sustained.current(estimate), jnp.zeros(1)])
             nu_r = nu.at[:3].add(-R_bn @ current)
-            deep = reference.eta[HEAVE] - slow[HEAVE]
+            deep = reference.position[HEAVE] - slow[HEAVE]
             desired = desired.at[HEAVE].add(
-                self._depth_and_tilt(self.tilting, deep, nu_ref[HEAVE], nu_r, euler, desired)
+                self._depth_and_tilt(self.tilting, deep, nu_ref[HEAVE], nu_r, tilt, desired)
             )
         desired = jnp.where(self.limits.upper > self.limits.lower, input.axes * desired, 0.0)
         tau = self.limits.cut(desired)
@@ -218,12 +220,12 @@ class Tracking(Block):
         return TrackingMemory(moments, level), Wrench(tau, cut)
 
     def _depth_and_tilt(
-        self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array
+        self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, tilt: Array, wrench: Array
     ) -> Array:
         """Heave force [N] of a depth error and a desired heave velocity: see HeaveFeedback.force."""
         most = jnp.minimum(self.reach, feedback.depth_error(self.sustained.level.dive(nu_r[:2])))
         deep = jnp.clip(deep, -most, most)
-        return feedback.force(deep, heave - nu_r[HEAVE], nu_r, euler, wrench)
+        return feedback.force(deep, heave - nu_r[HEAVE], nu_r, tilt, wrench)
 
     def _level(
         self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array, allowed: Array
@@ -241,7 +243,7 @@ class Tracking(Block):
             allowed: Factor on the level speed.
         """
         level = self.sustained.level
-        flow = heading_rotation(estimate.eta[5]).T @ self.sustained.current(estimate)
+        flow = heading_rotation(estimate.heading).T @ self.sustained.current(estimate)
         down = level.dive(nu[:2] - flow)
 
         def change(velocity: Array) -> Array:
@@ -272,4 +274,4 @@ class Tracking(Block):
     def _through_water(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
         """Velocity through the water, b, shape (6,): the reference's along the axes that follow it."""
         moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
-        return moves.at[:2].add(-heading_rotation(estimate.eta[5]).T @ self.sustained.current(estimate))
+        return moves.at[:2].add(-heading_rotation(estimate.heading).T @ self.sustained.current(estimate))

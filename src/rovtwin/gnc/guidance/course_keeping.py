@@ -33,7 +33,7 @@ from rovtwin.core.flow import (
     Estimate,
     Setpoint,
 )
-from rovtwin.core.frames import euler_from_quaternion, heading_rotation, wrap
+from rovtwin.core.frames import heading_of, heading_rotation, level_attitude, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, significant
 from rovtwin.gnc.scales import YAW, VehicleScales
@@ -112,20 +112,20 @@ class CourseKeeping(Block):
 
     def init(self, key: Array, start: Start) -> CourseMemory:
         no = jnp.asarray(False)
-        return CourseMemory(jnp.zeros(2), jnp.zeros(()), euler_from_quaternion(start.attitude)[2], no, no)
+        return CourseMemory(jnp.zeros(2), jnp.zeros(()), heading_of(start.attitude), no, no)
 
     def step(self, memory: CourseMemory, input: CourseInput, dt: float) -> tuple[CourseMemory, Setpoint]:
         asked, estimate = input.setpoint, input.estimate
-        phase, psi = asked.phase, estimate.eta[5]
+        phase, psi = asked.phase, estimate.heading
         takes = (phase != IDLE) & (phase != ABORTED) & (phase != PILOTED)
         memory = self._begun(memory, asked, estimate)
         to_n = heading_rotation(psi)
         bow, side = to_n[:, 0], to_n[:, 1]
-        away = asked.eta[:2] - estimate.slow_position[:2]
+        away = asked.position[:2] - estimate.slow_position[:2]
 
         estimated = self.sustained.current(significant(estimate))
         current = memory.current + jnp.minimum(dt / self.lag, 1.0) * (estimated - memory.current)
-        along = heading_rotation(asked.eta[5]) @ asked.nu[:2]
+        along = heading_rotation(asked.heading) @ asked.nu[:2]
         v = along + self._pull(away)
         w, swept = self.sustained.course(v, current)
         w = self._steerable(w, along, bow)
@@ -134,7 +134,7 @@ class CourseKeeping(Block):
         aim = w + LEAD * (w - made)
         turns, given_up = self._turns(memory, asked, estimate, w, aim)
         heading = jnp.where(turns, jnp.arctan2(aim[1], jnp.where(turns, aim[0], 1.0)), memory.heading)
-        heading = jnp.where(asked.fixed_heading & ~turns, asked.eta[5], heading)
+        heading = jnp.where(asked.fixed_heading & ~turns, asked.heading, heading)
 
         change = jnp.clip((w @ bow - memory.surge) / self.lag, -2.0 * self.acceleration, self.acceleration) * dt
         surge = memory.surge + change
@@ -142,22 +142,22 @@ class CourseKeeping(Block):
         drift = current @ side
         over_ground = (surge + current @ bow) * bow + jnp.clip(v @ side, drift - self.aside, drift + self.aside) * side
         beside = jnp.where(self.aside > 0.0, away @ side, 0.0) * side
-        eta = asked.eta.at[:2].set(estimate.slow_position[:2] + beside).at[5].set(heading)
+        position = asked.position.at[:2].set(estimate.slow_position[:2] + beside)
         nu = asked.nu.at[:2].set(heading_rotation(heading).T @ over_ground)
 
         state = jnp.where(given_up, HEADING_GIVEN_UP, asked.progress.state)
         progress = dataclasses.replace(asked.progress, state=jnp.where(swept, SWEPT, state), current=current)
-        own = dataclasses.replace(asked, eta=eta, nu=nu, progress=progress)
+        own = dataclasses.replace(asked, position=position, attitude=level_attitude(heading), nu=nu, progress=progress)
         after = CourseMemory(current, surge, wrap(heading), turns, takes)
         return after, _either(takes, own, asked)
 
     def _begun(self, memory: CourseMemory, asked: Setpoint, estimate: Estimate) -> CourseMemory:
         """Taken over from others the vehicle goes on as it moves."""
         current = self.sustained.current(significant(estimate))
-        to_b = heading_rotation(estimate.eta[5]).T
+        to_b = heading_rotation(estimate.heading).T
         nu = estimate.slow_velocity(to_b)
         surge = nu[0] - (to_b @ current)[0]
-        begun = CourseMemory(current, surge, estimate.eta[5], jnp.asarray(False), memory.takes)
+        begun = CourseMemory(current, surge, estimate.heading, jnp.asarray(False), memory.takes)
         return _either(memory.takes, memory, begun)
 
     def _pull(self, away: Array) -> Array:
@@ -185,7 +185,7 @@ class CourseKeeping(Block):
         least = self.gain * (self.slack + unknown) * jnp.where(memory.turns, SETTLED, 1.0)
         least = jnp.where(asked.phase == GO, NO_SPEED * self.cruise, least)  # on its way it goes for the point itself
         covered = self.aside * jnp.where(memory.turns, BACK, 1.0)  # else it would turn to and fro at the limit
-        sideways = jnp.abs((heading_rotation(asked.eta[5]).T @ w)[1]) - covered
+        sideways = jnp.abs((heading_rotation(asked.heading).T @ w)[1]) - covered
         given_up = asked.fixed_heading & (sideways > least)
         turns = jnp.where(asked.fixed_heading, given_up, jnp.sqrt(aim @ aim + 1e-12) > least)
         held = (asked.phase == HOLD) | (asked.phase == FINISHED) | (asked.phase == DIVE)

@@ -15,7 +15,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate
-from rovtwin.core.frames import euler_from_quaternion, wrap
+from rovtwin.core.frames import heading_of, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.guidance.speed_limit import FREE, AchievableSpeed, significant
 from rovtwin.gnc.scales import YAW, VehicleScales
@@ -78,7 +78,7 @@ class Bow(Block):
 
     def init(self, key: Array, start: Start) -> BowMemory:
         zero = jnp.zeros(())
-        return BowMemory(jnp.zeros(2), euler_from_quaternion(start.attitude)[2], jnp.asarray(False), zero)
+        return BowMemory(jnp.zeros(2), heading_of(start.attitude), jnp.asarray(False), zero)
 
     def step(self, memory: BowMemory, input: BowInput, dt: float) -> tuple[BowMemory, Array]:
         known = self.sustained.current(significant(input.estimate))
@@ -98,7 +98,7 @@ class Bow(Block):
     def _desired(self, current: Array, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
         """Nearest to a preferred one at which it keeps up a way over ground, and stays where it stops [rad]."""
         current = current / jnp.where(memory.turned, BACK, 1.0)
-        looks = jnp.where(memory.turned, memory.heading, estimate.eta[5])
+        looks = jnp.where(memory.turned, memory.heading, estimate.heading)
         for over_ground in (way, jnp.zeros(2)):  # it starts, waits and is paused on its way, too
             preferred = self.sustained.level_heading(preferred, over_ground, current, looks)
         return preferred

@@ -54,21 +54,21 @@ class LevelAllowance(eqx.Module):
         """In the vehicle's own time."""
         return cls(VehicleScales.of(model).level_bandwidth, np.nan_to_num(hang(model).trim))
 
-    def step(self, memory: Allowance, asked: Array, euler: Array, dt: float) -> Allowance:
+    def step(self, memory: Allowance, asked: Array, tilt: Array, dt: float) -> Allowance:
         """A tick later.
 
         Args:
             memory: Before.
             asked: Speed through the water that is asked for, as a share of the level speed.
-            euler: Roll, pitch and yaw [rad], shape (3,).
+            tilt: Roll and pitch, `frames.tilt_of` [rad], shape (2,).
             dt: Tick [s].
         """
-        off = euler[:2] - self.trim
-        tilt = jnp.sqrt(off @ off + NEVER)
+        off = tilt - self.trim
+        away = jnp.sqrt(off @ off + NEVER)
         wait = jnp.maximum(memory.wait - dt, 0.0)
-        wait = jnp.where(tilt > QUIET, jnp.maximum(wait, SETTLES / self.bandwidth), wait)
-        wait = jnp.where(tilt > TILTED, WAITS / self.bandwidth, wait)
+        wait = jnp.where(away > QUIET, jnp.maximum(wait, SETTLES / self.bandwidth), wait)
+        wait = jnp.where(away > TILTED, WAITS / self.bandwidth, wait)
         bounded = jnp.clip(asked, 1.0, MOST)
         goal = jnp.where(wait > 0.0, jnp.minimum(bounded, memory.factor), bounded)
         learns = 1.0 - jnp.exp(-self.bandwidth / LEARNS * dt)
-        return Allowance(jnp.where(tilt > TILTED, 1.0, memory.factor + learns * (goal - memory.factor)), wait)
+        return Allowance(jnp.where(away > TILTED, 1.0, memory.factor + learns * (goal - memory.factor)), wait)

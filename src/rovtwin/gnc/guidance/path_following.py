@@ -36,7 +36,7 @@ from rovtwin.core.flow import (
     Progress,
     Setpoint,
 )
-from rovtwin.core.frames import euler_from_quaternion, wrap
+from rovtwin.core.frames import heading_of, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
 from rovtwin.gnc.guidance.path import SHORT, Piece, piece_of
@@ -65,7 +65,8 @@ class PathMemory(eqx.Module):
         speed: Of s [m/s].
         rate: Of the speed [m/s2].
         on_arc: Whether s counts along the arc, bool.
-        eta: Last set-point, shape (6,).
+        position: Of the last set-point, n [m], shape (3,).
+        heading: Of the last set-point [rad].
         course: Heading that it preferred, but for a current [rad]: that of a leg too short to have one.
         bow: Of a vehicle that crabs and turns: what the current makes of that heading.
         nearest: How near the vehicle came to the way-point since it last came near it [m].
@@ -80,7 +81,8 @@ class PathMemory(eqx.Module):
     speed: Array
     rate: Array
     on_arc: Array
-    eta: Array
+    position: Array
+    heading: Array
     course: Array
     bow: BowMemory | None
     nearest: Array
@@ -162,11 +164,10 @@ class PathGuidance(Block):
 
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
-        heading = euler_from_quaternion(start.attitude)[2]
-        eta = _level(start.position, heading)
+        heading, at = heading_of(start.attitude), start.position
         still, bow = jnp.zeros(()), None if self.bow is None else self.bow.init(key, start)
-        at = start.position[:2]
-        return PathMemory(zero + IDLE, zero, zero, at, still, still, still, no, eta, heading, bow, still + NEVER, zero)
+        begun = zero + IDLE, zero, zero, at[:2], still, still, still, no
+        return PathMemory(*begun, at, heading, heading, bow, still + NEVER, zero)
 
     def step(self, memory: PathMemory, input: GuidanceInput, dt: float) -> tuple[PathMemory, Setpoint]:
         mode = input.mode.mode
@@ -177,32 +178,34 @@ class PathGuidance(Block):
         piece = piece_of(input.mission, memory.waypoint, start, fallback, *limits)
         if not self.turns:
             kept = jnp.ones_like(piece.fixed_heading)
-            piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.eta[5])
+            piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.heading)
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
         preferred = jnp.where(piece.fixed_heading, piece.heading, direction)
         memory, heading = self._turned(memory, piece, preferred, direction, going, input.estimate, dt)
-        level = jnp.concatenate([place, piece.end[2:]])
-        eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
-        eta = jnp.where(mode == MODE_IDLE, _level(input.estimate.eta[:3], input.estimate.eta[5]), eta)
-        course = jnp.where((mode == MODE_IDLE) | (memory.phase == IDLE), eta[5], preferred)
+        position = jnp.concatenate([place, piece.end[2:]])
+        idle, off = memory.phase == IDLE, mode == MODE_IDLE
+        position = jnp.where(off, input.estimate.position, jnp.where(idle, memory.position, position))
+        heading = jnp.where(off, input.estimate.heading, jnp.where(idle, memory.heading, heading))
+        course = jnp.where(off | idle, heading, preferred)
+        memory = dataclasses.replace(memory, position=position, heading=heading)
 
-        pace = self._pace(memory, piece, input.estimate, eta, direction)
+        pace = self._pace(memory, piece, input.estimate, direction)
         progress = self._progress(memory, piece, pace, input.estimate, running & going)
-        setpoint = _setpoint(memory, piece, input.mode, eta, direction, progress)
+        setpoint = _setpoint(memory, piece, input.mode, direction, progress)
         moved = self._along(memory, piece, pace, running & going, dt)
-        after = self._advance(moved, piece, input, eta, dt)
+        after = self._advance(moved, piece, input, dt)
         after = jax.tree.map(lambda new, old: jnp.where(running, new, old), after, moved)
-        return dataclasses.replace(after, eta=eta, course=course, bow=moved.bow), setpoint
+        return dataclasses.replace(after, course=course, bow=moved.bow), setpoint
 
-    def _pace(self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> Pace:
+    def _pace(self, memory: PathMemory, piece: Piece, estimate: Estimate, direction: Array) -> Pace:
         """What thrusters and a vehicle that is behind leave of the point's speed."""
-        away = eta[:2] - estimate.slow_position[:2]
-        behind = jnp.sqrt(away @ away + 1e-12)
+        away = memory.position - estimate.slow_position
+        behind = jnp.sqrt(away[:2] @ away[:2] + 1e-12)
         # Over a floor that rises the point waits for a vehicle that is still too deep.
-        behind = jnp.maximum(behind, estimate.slow_position[2] - eta[2])
+        behind = jnp.maximum(behind, -away[2])
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
-        possible, after = self._sustained(memory, piece, estimate, eta, direction)
+        possible, after = self._sustained(memory, piece, estimate, direction)
         return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
 
     def _turned(
@@ -247,9 +250,7 @@ class PathGuidance(Block):
         s = jnp.where(ends, jnp.minimum(s, piece.length), s)
         return dataclasses.replace(memory, s=s, speed=speed, rate=jnp.where(speed > 0.0, rate, 0.0))
 
-    def _sustained(
-        self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, direction: Array
-    ) -> tuple[Array, Array]:
+    def _sustained(self, memory: PathMemory, piece: Piece, estimate: Estimate, direction: Array) -> tuple[Array, Array]:
         """Largest speed that thrusters keep up here, and in and behind the corner within what it allows."""
         bent = (piece.turn != 0.0) & ~piece.fixed_heading
         corner = jnp.where(bent, self.turn_rate * piece.radius, jnp.inf)
@@ -265,7 +266,7 @@ class PathGuidance(Block):
                 way = _way(piece, following, jnp.asarray(True))
                 heading = self.bow.heading(memory.bow, following, way, estimate)
             heading = jnp.where(piece.fixed_heading, piece.heading, heading)
-            here = self.sustained.along(direction, eta[5], current)
+            here = self.sustained.along(direction, memory.heading, current)
             behind = self.sustained.along(following, heading, current)
             # In the corner the vehicle is pushed to its inner side, beside holding against the current.
             left = [self.sustained.aside(psi, piece.turn, current) for psi in (piece.direction, following)]
@@ -274,13 +275,13 @@ class PathGuidance(Block):
             corner = jnp.minimum(corner, pushed)
         return here, jnp.minimum(piece.after, jnp.maximum(jnp.minimum(behind, corner), least))
 
-    def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
+    def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""
         at, phase = input.estimate.slow_position, memory.phase
         rests = jnp.abs(input.estimate.nu[2] - input.estimate.wave[5]) < self.rest
         ready = (jnp.abs(at[2] - piece.end[2]) < self.depth_tolerance) & rests
         if not self.steered:
-            ready = ready & (jnp.abs(wrap(eta[5] - input.estimate.eta[5])) < self.heading_tolerance)
+            ready = ready & (jnp.abs(wrap(memory.heading - input.estimate.heading)) < self.heading_tolerance)
         deep = (phase == DIVE) & ready
         arrived = (
             (phase == GO) & ~memory.on_arc & (piece.after <= 0.0) & (memory.s > piece.length - CLOSE * piece.acceptance)
@@ -341,23 +342,16 @@ def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory
     )
 
 
-def _setpoint(
-    memory: PathMemory, piece: Piece, mode: Mode, eta: Array, direction: Array, progress: Progress
-) -> Setpoint:
+def _setpoint(memory: PathMemory, piece: Piece, mode: Mode, direction: Array, progress: Progress) -> Setpoint:
     phase = jnp.where(mode.mode == MODE_PAUSED, PAUSED, jnp.where(mode.mode == MODE_IDLE, IDLE, memory.phase))
     # A finished mission stays finished, whatever the operator asks for but an abort.
     phase = jnp.where(memory.phase == FINISHED, FINISHED, phase)
     phase = jnp.where(mode.mode == MODE_ABORTED, ABORTED, phase)
-    crab = direction - eta[5]
+    crab = direction - memory.heading
     way = memory.speed * jnp.stack([jnp.cos(crab), jnp.sin(crab), jnp.zeros(())])
     nu = jnp.concatenate([way, jnp.zeros(3)])
     start = jnp.concatenate([memory.leg_start, piece.end[2:]])
     on_leg = (phase == GO) & ~memory.on_arc
     fixed = piece.fixed_heading & (memory.phase != IDLE)
-    return Setpoint(eta, nu, start, piece.end, on_leg, memory.waypoint, phase, mode.reason, fixed, progress)
-
-
-def _level(position: Array, heading: Array) -> Array:
-    """eta, shape (6,), level at a position (3,) and heading."""
-    zero = jnp.zeros_like(heading)
-    return jnp.concatenate([position, jnp.stack([zero, zero, heading])])
+    stage = on_leg, memory.waypoint, phase, mode.reason, fixed, progress
+    return Setpoint.level(memory.position, memory.heading, nu, start, piece.end, *stage)

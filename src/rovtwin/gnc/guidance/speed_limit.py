@@ -13,7 +13,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.flow import Estimate
-from rovtwin.core.frames import heading_rotation, rotation_from_euler
+from rovtwin.core.frames import heading_rotation
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.guidance.level_speed import LevelSpeed
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
@@ -77,7 +77,7 @@ class AchievableSpeed(eqx.Module):
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
-        to_n = heading_rotation(estimate.eta[5])
+        to_n = heading_rotation(estimate.heading)
         nu = estimate.slow_velocity(to_n.T)
         drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
         speed = speed_of_drag(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
@@ -85,8 +85,8 @@ class AchievableSpeed(eqx.Module):
 
     def through_water(self, estimate: Estimate) -> Array:
         """Velocity through that current, b [m/s, rad/s], shape (6,); rolled or pitched, some of it is along heave."""
-        R_nb = rotation_from_euler(estimate.eta[3:])
-        level = heading_rotation(estimate.eta[5]).T @ (R_nb @ estimate.nu[:3])[:2]
+        R_nb = estimate.R_nb
+        level = heading_rotation(estimate.heading).T @ (R_nb @ estimate.nu[:3])[:2]
         current = self.current(dataclasses.replace(estimate, nu=estimate.nu.at[:2].set(level)))
         return estimate.nu.at[:3].add(-R_nb.T @ jnp.append(current, 0.0))
 

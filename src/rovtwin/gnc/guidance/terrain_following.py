@@ -14,7 +14,6 @@ import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Measurements, Mission
-from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 
 NEVER = 1e6  # since the last echo, where there was none [s]
@@ -87,7 +86,7 @@ class TerrainFollowing(Block):
             return after, mission
         own = mission.position[:, 2]
         below = jnp.clip(after.floor + self.lead * after.rate - mission.altitude, self.shallowest, own + self.band)
-        stuck = jnp.abs(input.estimate.eta[2] - after.depth) > STUCK
+        stuck = jnp.abs(input.estimate.position[2] - after.depth) > STUCK
         known = (after.readings >= ENOUGH) & (after.silence < self.patience) & ~stuck
         depth = jnp.where((mission.altitude > 0.0) & known, below, own)
         position = jnp.concatenate([mission.position[:, :2], depth[:, None]], axis=1)
@@ -95,17 +94,17 @@ class TerrainFollowing(Block):
 
     def _received(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> TerrainMemory:
         """A tick later, with the echoes that came."""
-        eta, slot = input.estimate.eta, input.measurements[self.name]
-        R_nb = rotation_from_euler(eta[3:])
+        here, slot = input.estimate.position[2], input.measurements[self.name]
+        R_nb = input.estimate.R_nb
         silence = memory.silence + dt
         # A rate that nobody confirms any more fades.
         rate = jnp.where(silence > 1.0, 0.0, memory.rate)
         now = TerrainMemory(memory.floor + dt * rate, rate, silence, memory.readings, memory.reading, memory.depth)
         for row in range(slot.valid.shape[0]):
             length = slot.value[row, 0]
-            seen = eta[2] + (R_nb @ (self.lever + length * self.beam))[2]
+            seen = here + (R_nb @ (self.lever + length * self.beam))[2]
             there = slot.valid[row] & jnp.isfinite(seen)
-            updated = self._with(now, jnp.where(there, seen, 0.0), length, eta[2], dt)
+            updated = self._with(now, jnp.where(there, seen, 0.0), length, here, dt)
             now = jax.tree.map(lambda new, old, there=there: jnp.where(there, new, old), updated, now)
         return now
 

@@ -1,8 +1,8 @@
-"""The filter's state as others use it: pose in Euler angles, velocity, disturbance, covariance, motion of the waves."""
+"""The filter's state as others use it: pose, velocity, disturbance, covariance, motion of the waves."""
 
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Estimate
-from rovtwin.core.frames import cross, euler_from_quaternion, euler_rate_matrix, rotation_from_quaternion
+from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
@@ -42,15 +42,16 @@ def estimate_of(
         received: Squared normalised innovations and their number, by sensor.
         names: Of all sensors, sorted.
     """
-    euler, R_nb = euler_from_quaternion(x.attitude), rotation_from_quaternion(x.attitude)
+    R_nb = rotation_from_quaternion(x.attitude)
     nothing = (jnp.zeros(()), jnp.zeros(()))
     tests = [received.get(name, nothing) for name in names]
     force = disturbance(model, x, omega)
     return Estimate(
-        eta=jnp.concatenate([x.position + x.wave_place, euler]),
+        position=x.position + x.wave_place,
+        attitude=x.attitude,
         nu=jnp.concatenate([x.velocity + R_nb.T @ x.wave_velocity, omega]),
         bias=jnp.concatenate([R_nb @ force, jnp.zeros(3)]),
-        covariance=_covariance(P, R_nb, euler, tuning.rate_variance),
+        covariance=_covariance(P, R_nb, tuning.rate_variance),
         nis=jnp.stack([squares for squares, _ in tests]),
         nis_dof=jnp.stack([number for _, number in tests]),
         wave=jnp.concatenate([x.wave_place, x.wave_velocity]),
@@ -80,16 +81,15 @@ def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
     return R_bn @ x.force_n + jnp.append(x.force_b, 0.0) + still - flowing - carried
 
 
-def _covariance(P: Array, R_nb: Array, euler: Array, gyro_variance: Array) -> Array:
-    """Of [eta, nu], slow motion and waves together, shape (12, 12)."""
-    T = euler_rate_matrix(euler)
+def _covariance(P: Array, R_nb: Array, gyro_variance: Array) -> Array:
+    """Of position, attitude and nu, slow motion and waves together, shape (12, 12)."""
 
     def seen(rows: Array) -> Array:
-        """Errors of [eta, nu] of those of the state, leading axis 31 -> 12."""
+        """Errors of the estimate of those of the state, leading axis 31 -> 12."""
         return jnp.concatenate(
             [
                 rows[POSITION] + rows[WAVE_PLACE],
-                product(T, rows[ATTITUDE]),
+                rows[ATTITUDE],
                 rows[VELOCITY] + product(R_nb.T, rows[WAVE_VELOCITY]),
                 -rows[GYRO_BIAS],
             ]

@@ -17,7 +17,7 @@ import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
-from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap, yaw_rotation
+from rovtwin.core.frames import heading_of, wrap, yaw_rotation
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
 from rovtwin.gnc.interfaces import (
@@ -48,8 +48,9 @@ class ContingencyMemory(eqx.Module):
 
     Attributes:
         home: Where the mission began, n [m], shape (3,).
-        eta: Last set-point, shape (6,).
-        heading: That is to be kept, but for a current [rad].
+        position: Of the last set-point, n [m], shape (3,).
+        heading: Of the last set-point [rad].
+        kept: Heading that is to be kept, but for a current [rad].
         bow: What the current makes of it.
         velocity: Of it, n [m/s], shape (3,).
         away: Whether the vehicle was taken off its mission and has not gone on with it yet, bool.
@@ -58,8 +59,9 @@ class ContingencyMemory(eqx.Module):
     """
 
     home: Array
-    eta: Array
+    position: Array
     heading: Array
+    kept: Array
     bow: BowMemory | None
     velocity: Array
     away: Array
@@ -129,10 +131,9 @@ class Contingency(Block):
         )
 
     def init(self, key: Array, start: Start) -> ContingencyMemory:
-        heading = euler_from_quaternion(start.attitude)[2]
-        eta = jnp.concatenate([start.position, jnp.zeros(2), heading[None]])
+        heading, place = heading_of(start.attitude), start.position
         no, bow = jnp.asarray(False), None if self.bow is None else self.bow.init(key, start)
-        return ContingencyMemory(start.position, eta, heading, bow, jnp.zeros(3), no, no, no)
+        return ContingencyMemory(place, place, heading, heading, bow, jnp.zeros(3), no, no, no)
 
     def step(self, memory: ContingencyMemory, input: ContingencyInput, dt: float) -> tuple[ContingencyMemory, Setpoint]:
         mode, asked = input.mode.mode, input.setpoint
@@ -148,24 +149,27 @@ class Contingency(Block):
         command = jnp.where(piloted & jnp.isfinite(input.pilot), input.pilot, 0.0)
         command = jnp.clip(command, -self.fastest, self.fastest)
         # Along the heading that the vehicle has, not is to have.
-        desired = yaw_rotation(input.estimate.eta[5]) @ command[:3]
+        desired = yaw_rotation(input.estimate.heading) @ command[:3]
         velocity = self._velocity(base, returning, surfacing, desired, dt)
         # What he turns goes on from where it looks, not from what a current had turned it away from.
-        kept = jnp.where(command[3] != 0.0, wrap(base.eta[5] + dt * command[3]), base.heading)
+        turns = command[3] != 0.0
+        kept = jnp.where(turns, wrap(base.heading + dt * command[3]), base.kept)
         kept = jnp.where(returning, self._homeward(base, input.estimate), kept)
         bow, heading = self._bow(memory.bow, kept, jnp.where(returning, velocity[:2], 0.0), input.estimate, dt)
-        eta = base.eta.at[:3].add(dt * velocity).at[5].set(jnp.where(command[3] != 0.0, kept, heading))
-        eta = jnp.where(piloted, self._leashed(eta, input.estimate), eta)
-        kept = jnp.where(command[3] != 0.0, eta[5], kept)
+        position, heading = base.position + dt * velocity, jnp.where(turns, kept, heading)
+        leashed = self._leashed(position, heading, input.estimate)
+        position, heading = (jnp.where(piloted, a, b) for a, b in zip(leashed, (position, heading), strict=True))
+        kept = jnp.where(turns, heading, kept)
         there = self._there(base, input.estimate, returning, surfacing)
-        after = ContingencyMemory(memory.home, eta, kept, bow, velocity, away, follows, there & takes)
+        after = ContingencyMemory(memory.home, position, heading, kept, bow, velocity, away, follows, there & takes)
 
         phase = jnp.where(surfacing, jnp.where(there, SURFACED, SURFACING), HELD)
         phase = jnp.where(returning, jnp.where(there, RETURNED, RETURNING), phase)
         phase = jnp.where(piloted, PILOTED, phase)
-        own = Setpoint(
-            eta=eta,
-            nu=jnp.concatenate([yaw_rotation(eta[5]).T @ velocity, jnp.zeros(2), command[3:]]),
+        own = Setpoint.level(
+            position,
+            heading,
+            nu=jnp.concatenate([yaw_rotation(heading).T @ velocity, jnp.zeros(2), command[3:]]),
             leg_start=asked.leg_start,
             leg_end=asked.leg_end,
             on_leg=jnp.asarray(False),
@@ -189,19 +193,18 @@ class Contingency(Block):
         Not with guidance's set-point, which may be a way-point far off, or at the bottom of a dive.
         """
         place = estimate.slow_position
-        velocity = estimate.slow_velocity_n(rotation_from_euler(estimate.eta[3:]))
+        velocity = estimate.slow_velocity_n(estimate.R_nb)
         speed = jnp.sqrt(velocity @ velocity + 1e-12)
         velocity = velocity * jnp.minimum(1.0, self.speed / speed)
-        eta = jnp.concatenate([place, jnp.zeros(2), estimate.eta[5:]])
-        no = jnp.asarray(False)
-        return ContingencyMemory(memory.home, eta, eta[5], memory.bow, velocity, no, no, no)
+        no, heading = jnp.asarray(False), estimate.heading
+        return ContingencyMemory(memory.home, place, heading, heading, memory.bow, velocity, no, no, no)
 
     def _velocity(
         self, memory: ContingencyMemory, returning: Array, surfacing: Array, desired: Array, dt: float
     ) -> Array:
         """Of the point, n [m/s], shape (3,): as the pilot commands, or to the goal, so that it can be stopped there."""
-        level = jnp.where(returning, memory.home[:2] - memory.eta[:2], 0.0)
-        up = jnp.where(surfacing, jnp.minimum(self.surface - memory.eta[2], 0.0), 0.0)
+        level = jnp.where(returning, memory.home[:2] - memory.position[:2], 0.0)
+        up = jnp.where(surfacing, jnp.minimum(self.surface - memory.position[2], 0.0), 0.0)
         goal = jnp.append(level, up)
         distance = jnp.sqrt(goal @ goal + 1e-12)
         # The square root alone would ask for a jerk at the end.
@@ -211,22 +214,22 @@ class Contingency(Block):
         size = jnp.sqrt(change @ change + 1e-12)
         return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)
 
-    def _leashed(self, eta: Array, estimate: Estimate) -> Array:
-        """The point, no further ahead of the vehicle than the leash, and not above the surface."""
+    def _leashed(self, position: Array, heading: Array, estimate: Estimate) -> tuple[Array, Array]:
+        """The point and its heading, no further ahead of the vehicle than the leash, and not above the surface."""
         place = estimate.slow_position
-        away = eta[:3] - place
+        away = position - place
         near = place + away * jnp.minimum(1.0, self.leash / jnp.sqrt(away @ away + 1e-12))
-        turn = jnp.clip(wrap(eta[5] - estimate.eta[5]), -self.lead, self.lead)
-        return eta.at[:3].set(near).at[2].max(jnp.minimum(self.surface, place[2])).at[5].set(estimate.eta[5] + turn)
+        turn = jnp.clip(wrap(heading - estimate.heading), -self.lead, self.lead)
+        return near.at[2].max(jnp.minimum(self.surface, place[2])), estimate.heading + turn
 
     def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
         """Heading from the vehicle towards home, or as it is once home is near.
 
         From the vehicle, not from the point: one that cannot push sideways gets home by heading there.
         """
-        level = memory.home[:2] - estimate.eta[:2]
+        level = memory.home[:2] - estimate.position[:2]
         far = level @ level > (2.0 * self.near) ** 2
-        return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.heading)
+        return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.kept)
 
     def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Array, surfacing: Array) -> Array:
         place = estimate.slow_position

@@ -35,7 +35,7 @@ RULES: dict[str, Rule] = {
     "not a number": Rule(np.nan, 0.0, "stop"),
     "operator": Rule(np.nan, 0.0, "stop"),
     "depth limit": Rule(100.0, 0.0, "stop"),  # [m]
-    "attitude limit": Rule(np.radians(60.0), 0.0, "stop"),  # roll or pitch [rad]; Euler angles fail at 90 degrees
+    "attitude limit": Rule(np.radians(60.0), 0.0, "stop"),  # roll or pitch [rad]
     "estimate lost": Rule(10.0, 0.0, "stop"),  # standard deviation of any axis of the position [m]
     "leak": Rule(np.nan, 0.2, "surface"),
     "battery critical": Rule(0.10, 5.0, "surface"),  # charge of the emptiest battery, share
@@ -193,7 +193,7 @@ class Watch(eqx.Module):
         leaks, batteries, altimeters = (rules.names_of(kind) for kind in REMEMBERED)
         fade = jnp.exp(-received / NIS_WINDOW)  # by number, not by time: rare positions tell, too
         waited = jnp.where(begun, dt, 0.0) if positions else 0.0
-        off = estimate.eta[:2] - self.home
+        off = estimate.position[:2] - self.home
         off = jnp.sqrt(off @ off)
         nearer = off < self.nearest - rules.nearer
         limits = rules.limit[flow.OFF_COURSE : flow.OFF_DEPTH + 1]
@@ -225,7 +225,7 @@ class Watch(eqx.Module):
         """Which rows hold now, shape (r,), bool. A comparison with NaN is false: that row asks for it by name."""
         estimate, host = input.estimate, input.host
         spread = jnp.sqrt(jnp.max(jnp.diagonal(estimate.covariance)[:3]))
-        place = estimate.eta[:2]
+        place = estimate.position[:2]
         off = place - self.home
         short = jnp.any(jnp.abs(input.shortfall) > rules.allowance)
         short = short | jnp.any(input.saturated & jnp.isfinite(rules.allowance))
@@ -236,7 +236,8 @@ class Watch(eqx.Module):
             flow.NO_REASON: False,
             flow.NOT_A_NUMBER: ~is_finite(estimate) if input.failed is None else ~is_finite(estimate) | input.failed,
             flow.OPERATOR: input.request == flow.ABORT,
-            flow.DEPTH_LIMIT: estimate.eta[2] > rules.limit[flow.DEPTH_LIMIT],
+            flow.DEPTH_LIMIT: estimate.position[2] > rules.limit[flow.DEPTH_LIMIT],
+            # Roll and pitch, for that is what the limit in a file is of.
             flow.ATTITUDE_LIMIT: jnp.max(jnp.abs(estimate.eta[3:5])) > rules.limit[flow.ATTITUDE_LIMIT],
             # A variance that is negative has no root, and is no knowledge either.
             flow.ESTIMATE_LOST: ~(spread <= rules.limit[flow.ESTIMATE_LOST]),
@@ -272,7 +273,7 @@ def inside(corners: Array, place: Array) -> Array:
 
 def is_finite(estimate: Estimate) -> Array:
     """Whether pose, velocity, disturbance, covariance and waves are all numbers, bool."""
-    parts = (estimate.eta, estimate.nu, estimate.bias, estimate.covariance, estimate.wave)
+    parts = (estimate.position, estimate.attitude, estimate.nu, estimate.bias, estimate.covariance, estimate.wave)
     return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in parts]))
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate
-from rovtwin.core.frames import heading_rotation, rotation_from_euler
+from rovtwin.core.frames import heading_rotation
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
 from rovtwin.gnc.scales import YAW, VehicleScales
@@ -204,7 +204,7 @@ class ThrusterHealth(Block):
     def _external(self, memory: HealthMemory, estimate: Estimate, force: Array, dt: float) -> tuple[Array, Array]:
         """Momentum, and the wrench that is not the model's, b [N, N m], both shape (6,)."""
         model, nu = self.model, estimate.nu
-        down_b = rotation_from_euler(estimate.eta[3:])[2]
+        down_b = estimate.R_nb[2]
         momentum = model.inertia @ nu
         tau = model.thrusters.configuration @ (memory.health * force)
         flow = self._flow(estimate) - learned_wrench(model, self.sustained.through_water(estimate), tau)
@@ -218,7 +218,7 @@ class ThrusterHealth(Block):
 
     def _weighed(self, estimate: Estimate, *wrenches: Array) -> tuple[Array, ...]:
         """W times wrenches, each of shape (h, 6): W = (N + U U^T)^-1, by Woodbury's identity."""
-        to_n = heading_rotation(estimate.eta[5]) * self.force_std  # columns: along the bow, across it
+        to_n = heading_rotation(estimate.heading) * self.force_std  # columns: along the bow, across it
 
         def flow(force: Array) -> Array:
             return self._flow(dataclasses.replace(estimate, bias=estimate.bias.at[:2].add(force)))

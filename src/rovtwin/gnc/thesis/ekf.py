@@ -1,7 +1,7 @@
 """Observer: the extended Kalman filter of the thesis (2.13), put right. The baseline that later observers must beat.
 
-State [eta, nu, b] with zyx Euler angles, as in the thesis (quaternions stay outside): singular at
-theta = +-90 deg. Prediction with the full model (`ekf_model`), one scalar update in Joseph form for each component of
+State [eta, nu, b] with zyx Euler angles, as in the thesis: singular at theta = +-90 deg. Its estimate has a quaternion,
+as every other. Prediction with the full model (`ekf_model`), one scalar update in Joseph form for each component of
 each reading, so that every sensor comes at its own rate and no matrix is inverted.
 
 The accelerometer. (7.7) of the thesis adds the raw reading to the filter's own velocity and takes the sum as measured:
@@ -20,7 +20,7 @@ import equinox as eqx
 from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate, Slot
-from rovtwin.core.frames import euler_from_quaternion, wrap
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.interfaces import ObserverInput
@@ -82,7 +82,7 @@ class Ekf(Block):
         tau = self.model.thrusters.configuration @ thrust
         rate = state_rate(self.model, x, tau, self.tuning.bias_decay)
         prior = _Prior(self.tuning, x, P, rate, memory.x, memory.ticks * dt, dt)
-        measurements = at_co(input.measurements, self.mounts, x[3:6], x[9:12])
+        measurements = at_co(input.measurements, self.mounts, rotation_from_euler(x[3:6]), x[9:12])
         names = sorted(measurements)
         batches, rejected = [], dict(memory.rejected)
         for name in filter(self.tuning.uses, names):
@@ -91,7 +91,7 @@ class Ekf(Block):
             batches.append((name, batch))
         x, P, nis, dof = _update(x, P, batches, names)
         x = jnp.concatenate([x[:3], wrap(x[3:6]), x[6:]])
-        estimate = Estimate(x[:6], x[6:12], x[12:], P[:12, :12], nis, dof)
+        estimate = Estimate.from_euler(x[:6], x[6:12], x[12:], P[:12, :12], nis, dof)
         return EkfMemory(x, P, thrust, memory.ticks + 1, rejected), estimate
 
     def _predict(self, memory: EkfMemory, command: Command, dt: float) -> tuple[Array, Array, Array]:

@@ -81,7 +81,7 @@ class Guidance(Block):
         memory = _begin(memory, input.estimate, running)
         leg = _leg(memory, input.mission)
 
-        here = _level(input.estimate.eta[:3], input.estimate.eta[5])
+        here = _here(input.estimate)
         # Where the operator paused the vehicle stays; before the start it is asked to be where it is.
         stay = ((mode == MODE_PAUSED) & ~memory.paused) | (mode == MODE_IDLE)
         eta = jnp.where(running, self._pursue(memory, input.estimate, leg), memory.eta)
@@ -93,7 +93,7 @@ class Guidance(Block):
 
     def _pursue(self, memory: GuidanceMemory, estimate: Estimate, leg: "_Leg") -> Array:
         """Set-point of the current phase, shape (6,)."""
-        phase, behind = memory.phase, estimate.eta[:2] - memory.leg_start
+        phase, behind = memory.phase, estimate.position[:2] - memory.leg_start
         # Cross-track error and the heading that brings it to zero: thesis 2.44, 2.45.
         e = -behind[0] * jnp.sin(leg.alpha) + behind[1] * jnp.cos(leg.alpha)
         chi = wrap(leg.alpha + jnp.arctan(-e / self.look_ahead))
@@ -167,7 +167,7 @@ def _leg(memory: GuidanceMemory, mission: Mission) -> _Leg:
 def _begin(memory: GuidanceMemory, estimate: Estimate, running: Array) -> GuidanceMemory:
     """The first running tick starts the first dive from where the vehicle is."""
     begin = running & (memory.phase == IDLE)
-    here = _level(estimate.eta[:3], estimate.eta[5])
+    here = _here(estimate)
     return _with(
         memory,
         phase=jnp.where(begin, DIVE, memory.phase),
@@ -188,7 +188,12 @@ def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Array) -> Setp
     way = jnp.stack([going * jnp.cos(crab), going * jnp.sin(crab), 1.0 * (phase == DIVE)])
     nu = jnp.concatenate([leg.speed * way, jnp.zeros(3)])
     start = jnp.concatenate([memory.leg_start, leg.end[2:]])
-    return Setpoint(eta, nu, start, leg.end, going, memory.waypoint, phase, mode.reason)
+    return Setpoint.level(eta[:3], eta[5], nu, start, leg.end, going, memory.waypoint, phase, mode.reason)
+
+
+def _here(estimate: Estimate) -> Array:
+    """Where the vehicle is, level."""
+    return _level(estimate.position, estimate.eta[5])
 
 
 def _level(position: Array, heading: Array) -> Array:

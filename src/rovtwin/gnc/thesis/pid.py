@@ -13,7 +13,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
-from rovtwin.core.frames import body_rates_from_euler_rates, rotation_from_euler, wrap
+from rovtwin.core.frames import body_rates_from_euler_rates, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.anti_windup import integrated
 from rovtwin.gnc.interfaces import ControlInput
@@ -116,12 +116,11 @@ class Pid(Block):
 
 def body_error(estimate: Estimate, reference: Reference) -> tuple[Array, Array]:
     """Pose error seen from b and its rate, shapes (6,): J^-1 (eta_ref - eta), wrapped, and J^-1 eta_ref_dot - nu."""
-    euler = estimate.eta[3:]
-    R_bn = rotation_from_euler(euler).T
-    W = body_rates_from_euler_rates(euler)
-    away = reference.eta - estimate.eta
+    eta, eta_dot = estimate.eta, reference.eta_dot
+    R_bn, W = estimate.R_nb.T, body_rates_from_euler_rates(eta[3:])
+    away = reference.eta - eta
     e = jnp.concatenate([R_bn @ away[:3], W @ wrap(away[3:])])
-    nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])
+    nu_ref = jnp.concatenate([R_bn @ eta_dot[:3], W @ eta_dot[3:]])
     return e, nu_ref - estimate.nu
 
 

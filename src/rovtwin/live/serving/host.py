@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rovtwin.core.arrays.flat import Layout
+from rovtwin.core.arrays.rotations import pose
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
@@ -96,7 +97,8 @@ class ServedVehicle:
         for drone, place in shown.tau.items():
             readings.append(Measurement(f"{drone}/force" if drone else "force", given[place], self.now))
         readings.append(Measurement("thrusters", given[shown.command.u], self.now))
-        estimate = np.concatenate([given[shown.estimate.eta], given[shown.estimate.nu]])
+        eta = pose(given[shown.estimate.position], given[shown.estimate.attitude])
+        estimate = np.concatenate([eta, given[shown.estimate.nu]])
         readings.append(Measurement("estimate", estimate, self.now - self.dt))
         seen = given[self._size :] + self._rng.normal(0.0, MOCAP_STD)
         readings.append(Measurement("mocap", seen, self.now))

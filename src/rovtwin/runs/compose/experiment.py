@@ -80,10 +80,10 @@ def experiment_of(scenario: Scenario, model: Model, vehicle: Vehicle, sensors: d
 
 
 def _home(scenario: Scenario) -> Array | None:
-    """Pose that the test comes home to where that is not where it starts, shape (6,)."""
+    """Place and heading that the test comes home to where that is not where it starts, shape (4,)."""
     if scenario.test is None or not scenario.test.home_at_start:
         return None
-    return as_array([*scenario.start.position, 0.0, 0.0, scenario.heading])
+    return as_array([*scenario.start.position, scenario.heading])
 
 
 def hand_of(scenario: Scenario) -> AttitudeRestraint | None:

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.arrays.rotations import pose, pose_covariance
 from rovtwin.core.log import Channel
-from rovtwin.core.numerics import jax
 from rovtwin.core.sensors import SensorKind
 from rovtwin.runs.loop import Record
 
@@ -16,8 +15,6 @@ ETA_UNITS, NU_UNITS, TAU_UNITS = ("m",) * 3 + ("rad",) * 3, ("m/s",) * 3 + ("rad
 PROGRESS = ("state", "misses", "possible", "current_north", "current_east")
 PROGRESS_UNITS = ("1", "1", "m/s", "m/s", "m/s")
 STD = tuple(f"std_{name}" for name in ETA + NU)
-
-_euler = jax.jit(jax.vmap(euler_from_quaternion))
 
 
 def log_channels(
@@ -118,16 +115,11 @@ def _tether_rows(name: str, nodes: int) -> list[tuple[str, tuple[str, ...], Any,
     ]
 
 
-def euler(attitude: Any) -> np.ndarray:
-    """zyx Euler angles (n, 3) of quaternions (n, 4)."""
-    return np.asarray(_euler(attitude))
-
-
 def truth_samples(record: Record, moving_surface: bool = False) -> dict[str, np.ndarray]:
     """Samples of the truth channels, leading axis n."""
     state = record.state
     samples = {
-        "truth/eta": np.concatenate([state.position, euler(state.attitude)], axis=1),
+        "truth/eta": pose(state.position, state.attitude),
         "truth/nu": np.asarray(state.nu),
         "truth/thrust": np.asarray(state.thrust),
         "truth/water_velocity": np.asarray(record.water_velocity),
@@ -149,17 +141,17 @@ def autopilot_samples(record: Record) -> dict[str, np.ndarray]:
     """Samples of the autopilot channels, leading axis n."""
     out = record.autopilot
     estimate, setpoint = out.estimate, out.setpoint
-    variance = np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2)
+    covariance = pose_covariance(estimate.covariance, estimate.attitude)
     mode = (setpoint.phase, setpoint.reason, setpoint.waypoint, setpoint.on_leg)
     stage = setpoint.progress
     progress = (stage.state, stage.misses, stage.possible, stage.current[:, 0], stage.current[:, 1])
     return {
-        "autopilot/eta": np.asarray(estimate.eta),
+        "autopilot/eta": pose(estimate.position, estimate.attitude),
         "autopilot/nu": np.asarray(estimate.nu),
         "autopilot/bias": np.asarray(estimate.bias),
-        "autopilot/std": np.sqrt(np.maximum(variance, 0.0)),
-        "autopilot/setpoint": np.asarray(setpoint.eta),
-        "autopilot/reference": np.asarray(out.reference.eta),
+        "autopilot/std": np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)),
+        "autopilot/setpoint": pose(setpoint.position, setpoint.attitude),
+        "autopilot/reference": pose(out.reference.position, out.reference.attitude),
         "autopilot/leg": np.concatenate([setpoint.leg_start, setpoint.leg_end], axis=1),
         "autopilot/mode": np.stack([np.asarray(column, dtype=float) for column in mode], axis=1),
         "autopilot/progress": np.stack([np.asarray(column, dtype=float) for column in progress], axis=1),

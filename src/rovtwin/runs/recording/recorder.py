@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.rotations import pose_covariance
 from rovtwin.runs.loop import Record
 from rovtwin.runs.recording.channels import autopilot_samples, nis_samples, sensor_samples, truth_samples
 from rovtwin.runs.run import until_the_end
@@ -52,8 +53,11 @@ class Recorder:
         if self._write is not None:
             self._log(self._write, record, samples, t, (k % self._log_every == 0) | last)
         scored = (k % self._score_every == 0) | last
-        samples |= {"t": t, "covariance": np.asarray(record.autopilot.estimate.covariance)}
-        self._kept.append({name: values[scored] for name, values in samples.items()})
+        samples["t"] = t
+        kept = {name: values[scored] for name, values in samples.items()}
+        estimate = record.autopilot.estimate
+        kept["covariance"] = pose_covariance(estimate.covariance[scored], estimate.attitude[scored])
+        self._kept.append(kept)
         self._thrust.append(np.asarray(record.state.thrust))
         self._pose.append(samples["truth/eta"])
         if record.battery is not None:

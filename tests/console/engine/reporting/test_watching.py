@@ -45,11 +45,11 @@ class Scripted:
             return np.zeros((len(rows), *shape))
 
         estimate = Estimate(
-            zeros(6), zeros(6), zeros(6), zeros(12, 12), zeros(self._sensors), zeros(self._sensors), zeros(6)
+            zeros(3), zeros(4), zeros(6), zeros(6), zeros(12, 12), zeros(self._sensors), zeros(self._sensors), zeros(6)
         )
         progress = Progress(*(zeros() for _ in range(3)), zeros(2))
-        setpoint = Setpoint(*(zeros(6),) * 2, *(zeros(3),) * 2, *(zeros(),) * 4, zeros(), progress)
-        moved = Reference(zeros(6), zeros(6), zeros(6)), Wrench(zeros(6), zeros(6))
+        setpoint = Setpoint(zeros(3), zeros(4), zeros(6), *(zeros(3),) * 2, *(zeros(),) * 4, zeros(), progress)
+        moved = Reference(zeros(3), zeros(4), *(zeros(3),) * 4), Wrench(zeros(6), zeros(6))
         command = self._command[rows]
         return slots, AutopilotOutput(Command(command), estimate, setpoint, *moved, np.ones_like(command))
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from rovtwin.console.engine.world import TRUTH
+from rovtwin.core.arrays.rotations import pose, pose_covariance, pose_rate
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import HEADING_GIVEN_UP, OPERATOR, PHASES, REASONS, AutopilotOutput, Measurement
 from rovtwin.core.sensors import kind_of
@@ -138,23 +139,24 @@ def band(count: float) -> tuple[float, float]:
 def flown(output: AutopilotOutput, waypoints: int) -> dict[str, Any]:
     """The autopilot's estimate, set-point and command."""
     estimate, setpoint, reference = output.estimate, output.setpoint, output.reference
-    variance = np.diagonal(estimate.covariance)[:6]
+    eta = pose(estimate.position, estimate.attitude)
+    variance = np.diagonal(pose_covariance(estimate.covariance, estimate.attitude))[:6]
     on_leg, leg_end = bool(setpoint.on_leg), np.asarray(setpoint.leg_end)
-    to_go = float(np.linalg.norm(leg_end - estimate.eta[:3]))
+    to_go = float(np.linalg.norm(leg_end - estimate.position))
     length = float(np.linalg.norm(leg_end - np.asarray(setpoint.leg_start)))
     return {
         "phase": PHASES[int(setpoint.phase)],
         "reason": REASONS[int(setpoint.reason)],
         "gives_up_heading": int(setpoint.progress.state) == HEADING_GIVEN_UP,
-        "eta": estimate.eta,
+        "eta": eta,
         "nu": estimate.nu,
         "sd": np.sqrt(np.maximum(variance, 0.0)),
         "ellipse": estimate.covariance[:2, :2],
         "wave": estimate.wave,
         "bias": estimate.bias,
-        "reference": reference.eta,
-        "reference_rate": reference.eta_dot,
-        "setpoint": setpoint.eta,
+        "reference": pose(reference.position, reference.attitude),
+        "reference_rate": pose_rate(reference.velocity, reference.angular_velocity, reference.attitude),
+        "setpoint": pose(setpoint.position, setpoint.attitude),
         "leg": [setpoint.leg_start, leg_end],
         "on_leg": on_leg,
         "waypoint": int(setpoint.waypoint),
