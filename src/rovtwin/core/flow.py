@@ -11,7 +11,6 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import (
     body_rates_from_euler_rates,
     euler_from_quaternion,
@@ -147,7 +146,8 @@ class Estimate(eqx.Module):
         W = body_rates_from_euler_rates(eta[3:])
 
         def turned(rows: Array) -> Array:
-            return jnp.concatenate([rows[:3], product(W, rows[3:6]), rows[6:]])
+            # A sum, as a product of matrices is not compiled in one piece with the rest of a tick (`in_one_piece`).
+            return jnp.concatenate([rows[:3], jnp.sum(W[:, :, None] * rows[3:6], axis=1), rows[6:]])
 
         attitude = quaternion_from_euler(eta[3:])
         return cls(eta[:3], attitude, nu, bias, turned(turned(covariance).T), *others, **named)
