@@ -144,7 +144,7 @@ def estimates() -> Estimate:
     attitude = jax.vmap(quaternion_from_euler)(over_time(3, seed=6))
     covariance = every_tick(0.01 * jnp.eye(12))
     nis, dof = over_time(5), every_tick(jnp.ones(5))
-    return Estimate(
+    return jax.vmap(Estimate)(
         START.position + over_time(3, seed=5),
         attitude,
         over_time(6, seed=7),
@@ -168,7 +168,7 @@ def setpoints() -> Setpoint:
     leg = every_tick(START.position), every_tick(START.position + 1.0)
     number = every_tick(jnp.zeros((), dtype=int))
     state = number + DIVE, number + NO_REASON, number > 0, every_tick(Progress.unreported())
-    return Setpoint(place, attitude, over_time(6, seed=11), *leg, number == 0, number, *state)
+    return jax.vmap(Setpoint)(place, attitude, over_time(6, seed=11), *leg, number == 0, number, *state)
 
 
 def references() -> Reference:
@@ -177,7 +177,7 @@ def references() -> Reference:
 
 
 def commands() -> Command:
-    return Command(over_time(THRUSTERS, seed=15, size=0.8))
+    return jax.vmap(Command)(over_time(THRUSTERS, seed=15, size=0.8))
 
 
 def requests():
@@ -290,7 +290,7 @@ def measurements() -> Measurements:
         valid = jnp.broadcast_to((jnp.arange(TICKS) % n == n - 1)[:, None], (TICKS, rows))
         value = middle + over_time(rows, len(middle), seed=20 + seed, size=0.02)
         t = CONTROL * (jnp.arange(TICKS)[:, None] - jnp.arange(rows)[::-1] / rows)
-        slots[name] = Slot(jnp.where(valid[..., None], value, 0.0), valid, jnp.where(valid, t, 0.0))
+        slots[name] = jax.vmap(Slot)(jnp.where(valid[..., None], value, 0.0), valid, jnp.where(valid, t, 0.0))
     return slots
 
 
@@ -331,7 +331,11 @@ def terrain() -> Example:
     """An echo every third tick, of a floor 3 m below."""
     received = jnp.arange(TICKS)[:, None] % 3 == 0
     stamp = jnp.where(received, CONTROL * jnp.arange(TICKS)[:, None], 0.0)
-    echoes = {"altimeter": Slot(jnp.where(received[..., None], 3.0 + over_time(1, 1, seed=45), 0.0), received, stamp)}
+    echoes = {
+        "altimeter": jax.vmap(Slot)(
+            jnp.where(received[..., None], 3.0 + over_time(1, 1, seed=45), 0.0), received, stamp
+        )
+    }
     near = {"x": 0.6, "y": -0.2, "depth": 2.1}
     follows = every_tick(mission([near | {"altitude": 1.0}, near | {"y": 3.0}]))
     return Example(
@@ -367,7 +371,7 @@ def sense() -> Example:
     one = every_tick(jnp.ones((1,), dtype=bool))
     t = every_tick(jnp.zeros(1))
     read = {"pressure": 1, "attitude": 3, "gyro": 3}
-    slots = {name: Slot(over_time(1, size, seed=53), one, t) for name, size in read.items()}
+    slots = {name: jax.vmap(Slot)(over_time(1, size, seed=53), one, t) for name, size in read.items()}
     return Example(Sense(("pressure", "attitude", "gyro"), 42.0), slots)
 
 
@@ -379,7 +383,7 @@ def tracking() -> Example:
 
 def autopilot(observer: Block) -> Example:
     block = Autopilot.thesis(model(), observer, way_points(), gains="pole_placement")
-    return Example(block, AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46)))
+    return Example(block, jax.vmap(AutopilotInput)(measurements(), requests(), hosts(), over_time(4, seed=46)))
 
 
 def experiment() -> Example:
@@ -397,7 +401,8 @@ def experiment() -> Example:
         count=jnp.asarray(TICKS - 10),
     )
     return Example(
-        Experiment.of(model(), timeline), AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46))
+        Experiment.of(model(), timeline),
+        jax.vmap(AutopilotInput)(measurements(), requests(), hosts(), over_time(4, seed=46)),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
 
 from rovtwin.core.frames import (
     body_rates_from_euler_rates,
@@ -21,6 +22,18 @@ from rovtwin.core.frames import (
     rotation_from_quaternion,
 )
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import (
+    Flag,
+    HostArray,
+    Index,
+    Matrix3,
+    PerThruster,
+    Quaternion,
+    Scalar,
+    Vector2,
+    Vector3,
+    Vector6,
+)
 
 PHASES = (
     *("idle", "dive", "turn", "go", "hold", "paused", "finished", "aborted"),
@@ -52,10 +65,10 @@ FEW_ROWS = 32  # of a mission: up to here a masked sum picks a row faster than a
 
 @dataclass(frozen=True)
 class Measurement:
-    """One reading as a Link delivers it (host side): sensor name, value [SI], shape (n,), and when it was valid [s]."""
+    """One reading as a Link delivers it (host side): sensor name, value [SI], and when it was valid [s]."""
 
     sensor: str
-    value: np.ndarray
+    value: Float[np.ndarray, " n"]
     t_valid: float
 
 
@@ -65,20 +78,20 @@ class Slot(eqx.Module):
     Absent is `valid = False` with a finite filler: never NaN, never a repeat.
 
     Attributes:
-        value: Readings in order of arrival [SI], shape (capacity, n).
-        valid: Whether the row holds a reading, shape (capacity,), bool.
-        t_valid: When the reading was valid, by the sensor's own clock [s], shape (capacity,).
+        value: Readings in order of arrival [SI].
+        valid: Whether the row holds a reading.
+        t_valid: When the reading was valid, by the sensor's own clock [s].
     """
 
-    value: Array
-    valid: Array
-    t_valid: Array
+    value: Float[HostArray, "capacity n"]
+    valid: Bool[HostArray, " capacity"]
+    t_valid: Float[HostArray, " capacity"]
 
     @classmethod
     def empty(cls, capacity: int, size: int) -> "Slot":
         return cls(jnp.zeros((capacity, size)), jnp.zeros(capacity, dtype=bool), jnp.zeros(capacity))
 
-    def newest(self, before: Array) -> Array:
+    def newest(self, before: Float[Array, " n"]) -> Float[Array, " n"]:
         """The last reading; what is known from before where there is none."""
         for row in range(self.valid.shape[0]):
             before = jnp.where(self.valid[row], self.value[row], before)
@@ -113,39 +126,39 @@ class Estimate(eqx.Module):
     """The observer's estimate.
 
     Attributes:
-        position: CO in n [m], shape (3,).
-        attitude: Unit quaternion [w, x, y, z], maps b to n, shape (4,).
-        nu: Body velocity over ground, shape (6,) [m/s, rad/s].
-        bias: Slowly varying disturbance wrench b, shape (6,) [N, N m]; force in n, moment in b (J^-1 b of thesis 2.36).
-        covariance: Of the errors of position in n, attitude and nu, shape (12, 12); the attitude's is a small rotation
+        position: CO in n [m].
+        attitude: Unit quaternion [w, x, y, z], maps b to n.
+        nu: Body velocity over ground [m/s, rad/s].
+        bias: Slowly varying disturbance wrench b [N, N m]; force in n, moment in b (J^-1 b of thesis 2.36).
+        covariance: Of the errors of position in n, attitude and nu; the attitude's is a small rotation
             seen from b: R_true = R exp(S(error)).
-        nis: Normalised innovation squared summed per sensor in this tick, shape (n_sensors,), in sorted order of the
-            sensors' names; 0 where none came.
-        nis_dof: Number of scalar innovations in each sum, shape (n_sensors,).
-        wave: Part of the motion that is of wave frequency, n: displacement [m] and velocity [m/s], shape (6,); zero
+        nis: Normalised innovation squared summed per sensor in this tick, in sorted order of the sensors'
+            names; 0 where none came.
+        nis_dof: Number of scalar innovations in each sum.
+        wave: Part of the motion that is of wave frequency, n: displacement [m] and velocity [m/s]; zero
             from observers that do not tell it.
-        bias_std: Standard deviation of the horizontal disturbance force [N], shape (); zero from observers that do not
+        bias_std: Standard deviation of the horizontal disturbance force [N]; zero from observers that do not
             tell it.
     """
 
-    position: Array
-    attitude: Array
-    nu: Array
-    bias: Array
-    covariance: Array
-    nis: Array
-    nis_dof: Array
-    wave: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
-    bias_std: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    position: Vector3
+    attitude: Quaternion
+    nu: Vector6
+    bias: Vector6
+    covariance: Float[Array, "12 12"]
+    nis: Float[Array, " sensors"]
+    nis_dof: Float[Array, " sensors"]
+    wave: Vector6 = eqx.field(default_factory=lambda: jnp.zeros(6))
+    bias_std: Scalar = eqx.field(default_factory=lambda: jnp.zeros(()))
 
     @classmethod
     def from_euler(
-        cls, eta: Array, nu: Array, bias: Array, covariance: Array, *others: Array, **named: Array
+        cls, eta: Vector6, nu: Vector6, bias: Vector6, covariance: Float[Array, "12 12"], *others: Array, **named: Array
     ) -> "Estimate":
-        """Of a pose with Euler angles, shape (6,), and the covariance of [eta, nu]; the rest as it is."""
+        """Of a pose with Euler angles, and the covariance of [eta, nu]; the rest as it is."""
         W = body_rates_from_euler_rates(eta[3:])
 
-        def turned(rows: Array) -> Array:
+        def turned(rows: Float[Array, "12 12"]) -> Float[Array, "12 12"]:
             # A sum, as a product of matrices is not compiled in one piece with the rest of a tick (`in_one_piece`).
             return jnp.concatenate([rows[:3], jnp.sum(W[:, :, None] * rows[3:6], axis=1), rows[6:]])
 
@@ -153,32 +166,32 @@ class Estimate(eqx.Module):
         return cls(eta[:3], attitude, nu, bias, turned(turned(covariance).T), *others, **named)
 
     @property
-    def eta(self) -> Array:
-        """Pose with zyx Euler angles [m, rad], shape (..., 6)."""
+    def eta(self) -> Float[Array, "*axes 6"]:
+        """Pose with zyx Euler angles [m, rad]."""
         return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
 
     @property
-    def heading(self) -> Array:
+    def heading(self) -> Float[Array, "*axes"]:
         """See `frames.heading_of` [rad]."""
         return heading_of(self.attitude)
 
     @property
-    def R_nb(self) -> Array:
-        """Maps b to n, shape (3, 3)."""
+    def R_nb(self) -> Matrix3:
+        """Maps b to n."""
         return rotation_from_quaternion(self.attitude)
 
     @property
-    def slow_position(self) -> Array:
-        """Where CO is but for the waves, n [m], shape (3,)."""
+    def slow_position(self) -> Vector3:
+        """Where CO is but for the waves, n [m]."""
         return self.position - self.wave[:3]
 
-    def slow_velocity(self, to_b: Array) -> Array:
-        """Velocity over ground but for the waves, b [m/s], shape (n,); R_bn or its level part given, shape (n, n)."""
+    def slow_velocity(self, to_b: Float[Array, "n n"]) -> Float[Array, " n"]:
+        """Velocity over ground but for the waves, b [m/s]; R_bn or its level part given."""
         n = to_b.shape[0]
         return self.nu[:n] - to_b @ self.wave[3 : 3 + n]
 
-    def slow_velocity_n(self, to_n: Array) -> Array:
-        """The same in n; R_nb or its level part given, shape (n, n)."""
+    def slow_velocity_n(self, to_n: Float[Array, "n n"]) -> Float[Array, " n"]:
+        """The same in n; R_nb or its level part given."""
         n = to_n.shape[0]
         return to_n @ self.nu[:n] - self.wave[3 : 3 + n]
 
@@ -186,43 +199,43 @@ class Estimate(eqx.Module):
 class Waypoint(eqx.Module):
     """One row of a Mission; fields as there."""
 
-    position: Array
-    speed: Array
-    acceptance: Array
-    hold_time: Array
-    heading: Array
-    fixed_heading: Array
+    position: Vector3
+    speed: Scalar
+    acceptance: Scalar
+    hold_time: Scalar
+    heading: Scalar
+    fixed_heading: Flag
 
 
 class Mission(eqx.Module):
     """Way-points of a mission, in order.
 
     Attributes:
-        position: x, y and depth in n [m], shape (n, 3).
-        speed: Desired speed along the leg [m/s], shape (n,).
-        acceptance: Radius within which a way-point is reached [m], shape (n,).
-        hold_time: Time to stay after reaching it [s], shape (n,).
-        heading: Heading to keep [rad], shape (n,); used where `fixed_heading`.
-        fixed_heading: Whether the heading is given rather than along the leg, shape (n,), bool.
-        count: How many rows are way-points, int; rows beyond it are padding, so that missions share one shape.
-        altitude: Distance to the floor to keep [m], shape (n,); 0 where the depth holds; None where it does everywhere.
+        position: x, y and depth in n [m].
+        speed: Desired speed along the leg [m/s].
+        acceptance: Radius within which a way-point is reached [m].
+        hold_time: Time to stay after reaching it [s].
+        heading: Heading to keep [rad]; used where `fixed_heading`.
+        fixed_heading: Whether the heading is given rather than along the leg.
+        count: How many rows are way-points; rows beyond it are padding, so that missions share one shape.
+        altitude: Distance to the floor to keep [m]; 0 where the depth holds; None where it does everywhere.
     """
 
-    position: Array
-    speed: Array
-    acceptance: Array
-    hold_time: Array
-    heading: Array
-    fixed_heading: Array
-    count: Array
-    altitude: Array | None = None
+    position: Float[Array, "n 3"]
+    speed: Float[Array, " n"]
+    acceptance: Float[Array, " n"]
+    hold_time: Float[Array, " n"]
+    heading: Float[Array, " n"]
+    fixed_heading: Bool[Array, " n"]
+    count: Index
+    altitude: Float[Array, " n"] | None = None
 
-    def at(self, index: Array) -> Waypoint:
-        """The way-point of an index, int, within the rows."""
+    def at(self, index: Index) -> Waypoint:
+        """The way-point of an index, within the rows."""
         rows = self.position.shape[0]
         chosen = jnp.arange(rows) == index
 
-        def row(column: Array) -> Array:
+        def row(column: Shaped[Array, " n *axes"]) -> Shaped[Array, " *axes"]:
             if rows > FEW_ROWS:
                 return column[index]
             # A sum over few rows costs less than a gather once a batch makes the index an array.
@@ -242,19 +255,19 @@ class Progress(eqx.Module):
     """How guidance gets on, for whoever has to say why a vehicle does not arrive.
 
     Attributes:
-        state: One of PROGRESS, int. Going: as fast as the leg asks. Waiting: for a vehicle that is behind. Limited: to
+        state: One of PROGRESS. Going: as fast as the leg asks. Waiting: for a vehicle that is behind. Limited: to
             what thrusters can keep up. Again: at a way-point that was passed outside its acceptance; missed: so often
             that it counts as such, though it is tried further. Swept: the current is more than thrusters can stem.
             Heading given up: the place is kept, but not with the heading that was asked for.
-        misses: How often the way-point was passed so, int.
+        misses: How often the way-point was passed so.
         possible: Speed over ground along the path that thrusters can keep up [m/s]; negative: swept back.
-        current: That would disturb the vehicle as much as what the filter estimates, n [m/s], shape (2,).
+        current: That would disturb the vehicle as much as what the filter estimates, n [m/s].
     """
 
-    state: Array
-    misses: Array
-    possible: Array
-    current: Array
+    state: Index
+    misses: Index
+    possible: Scalar
+    current: Vector2
 
     @classmethod
     def unreported(cls) -> "Progress":
@@ -267,44 +280,44 @@ class Setpoint(eqx.Module):
     """What guidance asks for.
 
     Attributes:
-        position: Desired place of CO, n [m], shape (3,).
-        attitude: Desired attitude, a unit quaternion, shape (4,); `level_attitude` of `core.frames` makes one of a
+        position: Desired place of CO, n [m].
+        attitude: Desired attitude, a unit quaternion; `level_attitude` of `core.frames` makes one of a
             heading.
-        nu: Desired velocity along the axes of the desired attitude, shape (6,).
-        leg_start: Start of the current leg [m], shape (3,).
-        leg_end: Its end, the way-point aimed at [m], shape (3,).
-        on_leg: Whether the vehicle follows a leg (phase go), bool.
-        waypoint: Index of the way-point aimed at, int.
-        phase: One of PHASES, int.
-        reason: One of REASONS, int.
-        fixed_heading: Whether the heading was asked for, and is not just that of the path, bool.
+        nu: Desired velocity along the axes of the desired attitude.
+        leg_start: Start of the current leg [m].
+        leg_end: Its end, the way-point aimed at [m].
+        on_leg: Whether the vehicle follows a leg (phase go).
+        waypoint: Index of the way-point aimed at.
+        phase: One of PHASES.
+        reason: One of REASONS.
+        fixed_heading: Whether the heading was asked for, and is not just that of the path.
         progress: How guidance gets on.
     """
 
-    position: Array
-    attitude: Array
-    nu: Array
-    leg_start: Array
-    leg_end: Array
-    on_leg: Array
-    waypoint: Array
-    phase: Array
-    reason: Array
-    fixed_heading: Array = eqx.field(default_factory=lambda: jnp.asarray(False))
+    position: Vector3
+    attitude: Quaternion
+    nu: Vector6
+    leg_start: Vector3
+    leg_end: Vector3
+    on_leg: Flag
+    waypoint: Index
+    phase: Index
+    reason: Index
+    fixed_heading: Flag = eqx.field(default_factory=lambda: jnp.asarray(False))
     progress: Progress = eqx.field(default_factory=Progress.unreported)
 
     @classmethod
-    def level(cls, position: Array, heading: Array, *others: Any, **named: Any) -> "Setpoint":
-        """At a place, shape (3,), level, with a heading [rad]; the rest as it is."""
+    def level(cls, position: Vector3, heading: Scalar, *others: Any, **named: Any) -> "Setpoint":
+        """At a place, level, with a heading [rad]; the rest as it is."""
         return cls(position, level_attitude(heading), *others, **named)
 
     @property
-    def eta(self) -> Array:
-        """Pose with zyx Euler angles [m, rad], shape (..., 6)."""
+    def eta(self) -> Float[Array, "*axes 6"]:
+        """Pose with zyx Euler angles [m, rad]."""
         return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
 
     @property
-    def heading(self) -> Array:
+    def heading(self) -> Float[Array, "*axes"]:
         """See `frames.heading_of` [rad]."""
         return heading_of(self.attitude)
 
@@ -313,63 +326,63 @@ class Reference(eqx.Module):
     """The smooth path to the set-point. Its own axes d are those that `attitude` maps to n.
 
     Attributes:
-        position: In n [m], shape (3,).
-        attitude: Unit quaternion, maps d to n, shape (4,).
-        velocity: Of the position, n [m/s], shape (3,).
-        angular_velocity: Of d, seen from d [rad/s], shape (3,).
-        acceleration: Of the position, n [m/s2], shape (3,).
-        angular_acceleration: Rate of the angular velocity, d [rad/s2], shape (3,).
+        position: In n [m].
+        attitude: Unit quaternion, maps d to n.
+        velocity: Of the position, n [m/s].
+        angular_velocity: Of d, seen from d [rad/s].
+        acceleration: Of the position, n [m/s2].
+        angular_acceleration: Rate of the angular velocity, d [rad/s2].
     """
 
-    position: Array
-    attitude: Array
-    velocity: Array
-    angular_velocity: Array
-    acceleration: Array
-    angular_acceleration: Array
+    position: Vector3
+    attitude: Quaternion
+    velocity: Vector3
+    angular_velocity: Vector3
+    acceleration: Vector3
+    angular_acceleration: Vector3
 
     @classmethod
-    def from_euler(cls, eta: Array, eta_dot: Array, eta_ddot: Array) -> "Reference":
-        """Of a pose with Euler angles and its rates, shapes (6,)."""
+    def from_euler(cls, eta: Vector6, eta_dot: Vector6, eta_ddot: Vector6) -> "Reference":
+        """Of a pose with Euler angles and its rates."""
         euler, rate, change = eta[3:], eta_dot[3:], eta_ddot[3:]
         omega, omega_dot = jax.jvp(lambda e, r: body_rates_from_euler_rates(e) @ r, (euler, rate), (rate, change))
         return cls(eta[:3], quaternion_from_euler(euler), eta_dot[:3], omega, eta_ddot[:3], omega_dot)
 
     @property
-    def eta(self) -> Array:
-        """Pose with zyx Euler angles [m, rad], shape (..., 6)."""
+    def eta(self) -> Float[Array, "*axes 6"]:
+        """Pose with zyx Euler angles [m, rad]."""
         return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
 
     @property
-    def eta_dot(self) -> Array:
-        """Its rate [m/s, rad/s], shape (6,)."""
+    def eta_dot(self) -> Vector6:
+        """Its rate [m/s, rad/s]."""
         T = euler_rate_matrix(euler_from_quaternion(self.attitude))
         return jnp.concatenate([self.velocity, T @ self.angular_velocity])
 
 
 class Wrench(eqx.Module):
-    """tau requested by a controller, shape (6,) [N, N m], b at CO; `saturated`, shape (6,), where a limit cut it."""
+    """tau requested by a controller [N, N m], b at CO; `saturated`, where a limit cut it."""
 
-    tau: Array
-    saturated: Array
+    tau: Vector6
+    saturated: Bool[Array, "6"]
 
 
 class Command(eqx.Module):
-    """Normalised thruster commands u in [-1, 1], shape (n_thrusters,)."""
+    """Normalised thruster commands u in [-1, 1]."""
 
-    u: Array
+    u: Float[HostArray, " n"]
 
 
 class Walls(eqx.Module):
     """Planes that a hull cannot pass: floor and walls of a tank, the seabed. A place x is inside where n . x <= d.
 
     Attributes:
-        normals: Unit normals that point out of the water, in n, shape (k, 3).
-        offsets: d of each plane [m], shape (k,).
+        normals: Unit normals that point out of the water, in n.
+        offsets: d of each plane [m].
     """
 
-    normals: Array
-    offsets: Array
+    normals: Float[Array, "k 3"]
+    offsets: Float[Array, " k"]
 
 
 class Environment(eqx.Module):
@@ -379,29 +392,29 @@ class Environment(eqx.Module):
     not there: the structure is static, so that nothing is compiled for what is switched off.
 
     Attributes:
-        velocity: Water velocity at `place` at the start of the step, n [m/s], shape (3,).
-        rate: Its rate at a fixed place, the local part of D v_c / Dt, n [m/s2], shape (3,).
-        wrench: External wrench (force waves, tethers), b at CO [N, N m], shape (6,); held over the step.
-        place: Where the water was looked at, CO at the start of the step, n [m], shape (3,).
-        gradient: d v_i / d x_j in n [1/s], shape (3, 3), or None in water that moves as one.
+        velocity: Water velocity at `place` at the start of the step, n [m/s].
+        rate: Its rate at a fixed place, the local part of D v_c / Dt, n [m/s2].
+        wrench: External wrench (force waves, tethers), b at CO [N, N m]; held over the step.
+        place: Where the water was looked at, CO at the start of the step, n [m].
+        gradient: d v_i / d x_j in n [1/s], or None in water that moves as one.
         head: Dynamic pressure of waves at `place`, as a height of water [m], or None.
         surface: Depth z in n of the surface above CO [m], negative under a crest, or None without a surface.
         walls: Planes, or None in open water.
         floor: Depth z in n of the floor below `place`, for instruments that look at it [m], or None; its plane is among
             the walls.
-        slope: By how much the floor gets deeper per metre north and east, shape (2,), or None where it is level.
+        slope: By how much the floor gets deeper per metre north and east, or None where it is level.
     """
 
-    velocity: Array
-    rate: Array
-    wrench: Array
-    place: Array
-    gradient: Array | None = None
-    head: Array | None = None
-    surface: Array | None = None
+    velocity: Vector3
+    rate: Vector3
+    wrench: Vector6
+    place: Vector3
+    gradient: Matrix3 | None = None
+    head: Scalar | None = None
+    surface: Scalar | None = None
     walls: Walls | None = None
-    floor: Array | None = None
-    slope: Array | None = None
+    floor: Scalar | None = None
+    slope: Vector2 | None = None
 
     @classmethod
     def calm(cls, **changes: Any) -> "Environment":
@@ -420,9 +433,9 @@ class Host(eqx.Module):
         lateness: By how much the last tick was late, in control periods.
     """
 
-    link_age: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
-    operator_age: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
-    lateness: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    link_age: Float[HostArray, ""] = eqx.field(default_factory=lambda: jnp.zeros(()))
+    operator_age: Float[HostArray, ""] = eqx.field(default_factory=lambda: jnp.zeros(()))
+    lateness: Float[HostArray, ""] = eqx.field(default_factory=lambda: jnp.zeros(()))
 
 
 class AutopilotInput(eqx.Module):
@@ -430,23 +443,23 @@ class AutopilotInput(eqx.Module):
 
     Attributes:
         measurements: Readings since the last tick.
-        request: The operator's, int.
+        request: The operator's.
         host: Ages and lateness.
-        pilot: Desired velocity over ground along the heading, surge, sway, heave [m/s], and turn rate [rad/s], shape
-            (4,); counts while the vehicle is piloted.
+        pilot: Desired velocity over ground along the heading, surge, sway, heave [m/s], and turn rate [rad/s];
+            counts while the vehicle is piloted.
     """
 
     measurements: Measurements
-    request: Array
+    request: Int[HostArray, ""]
     host: Host = eqx.field(default_factory=Host)
-    pilot: Array = eqx.field(default_factory=lambda: jnp.zeros(4))
+    pilot: Float[HostArray, "4"] = eqx.field(default_factory=lambda: jnp.zeros(4))
 
 
 class AutopilotOutput(eqx.Module):
     """All that one autopilot tick produces, for the link (command) and for the log (the rest).
 
-    `health` is the estimate of what each thruster still gives, a share, shape (n_thrusters,). `failed` says which part
-    of somebody else's gave what is no number, int: 0 none, else 1 and its place in gnc.guard.PLACES; None: all
+    `health` is the estimate of what each thruster still gives, a share. `failed` says which part
+    of somebody else's gave what is no number: 0 none, else 1 and its place in gnc.guard.PLACES; None: all
     are ours.
     """
 
@@ -455,5 +468,5 @@ class AutopilotOutput(eqx.Module):
     setpoint: Setpoint
     reference: Reference
     wrench: Wrench
-    health: Array
-    failed: Array | None = None
+    health: PerThruster
+    failed: Index | None = None
