@@ -70,10 +70,10 @@ class Bench:
 
     def fly(self, scenario, link, sources, clock, folder, *, arm, progress, say, tell, warn):
         if not arm(SimpleNamespace(start=SimpleNamespace(position=np.zeros(3)))):
-            return SimpleNamespace(summary={"completed": False, "reason": "not armed"})
+            return SimpleNamespace(figures={"completed": False, "reason": "not armed"})
         self.flown.append(self.length)
         reason = self.reasons.pop(0) if self.reasons else ""
-        return SimpleNamespace(summary={"completed": not reason, "reason": reason, "duration_s": 60.0 * self.length})
+        return SimpleNamespace(figures={"completed": not reason, "reason": reason, "duration_s": 60.0 * self.length})
 
 
 @pytest.fixture

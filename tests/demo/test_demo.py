@@ -46,7 +46,7 @@ def flies(how_many, by_itself):
         left[0] -= 1
         if left[0] < 0 and not by_itself:
             raise KeyboardInterrupt
-        return SimpleNamespace(summary={"interrupted": left[0] < 0}, scenario=scenario, folder=folder)
+        return SimpleNamespace(figures={"interrupted": left[0] < 0}, scenario=scenario, folder=folder)
 
     return fly
 
