@@ -81,7 +81,7 @@ def _one(
         return [Check("stop", exercise.name, f"{error}.", "Repeat this stage.")], {}
     row = {} if found is None else _row(exercise, push, found)
     checks = list(_judged(exercise, push, found))
-    if exercise is CUT and found is not None and found.lasted:
+    if found is not None and found.lasted:
         checks.append(_halted(work, scenario))
     return checks, row
 
