@@ -37,7 +37,7 @@ RULES: dict[str, set[str]] = {
     "testing": LIBRARIES | {"scenario", "runs", "api", "console"},  # contracts for packages of others
     "demo": LIBRARIES | {"scenario", "runs"},
     "campaign": LIBRARIES | {"scenario", "runs"},
-    "console": LIBRARIES | {"scenario", "runs", "live", "planning"},
+    "console": LIBRARIES | {"scenario", "runs", "live", "planning", "commission"},
     "commission": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},
     "cli": LIBRARIES | {"scenario", "runs", "live", "planning", "demo", "campaign", "console", "commission"},
     "api": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},
@@ -146,7 +146,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"ros2"},
     ],
     "console/engine": [
-        {"manoeuvres", "steering", "world"},
+        {"lending", "manoeuvres", "steering", "world"},
         {"experiment_helm", "helm", "reporting"},
         {"flights", "vehicle_session"},
         {"switch", "ticker"},
@@ -157,12 +157,12 @@ LAYERS: dict[str, list[set[str]]] = {
         {"assessing", "browser", "camera_stream", "gate", "mesh", "own_views", "panels", "sea_check"},
         {"drafting", "page", "sockets"},
         {"hub"},
-        {"replays"},
+        {"commissioning", "replays"},
         {"app"},
     ],
     "console": [
-        {"assess", "clock", "control", "orders", "pictures", "planning", "view", "wire", "worker"},
-        {"camera", "client", "engine", "launch", "video"},
+        {"assess", "clock", "control", "locks", "orders", "pictures", "planning", "view", "wire", "worker"},
+        {"camera", "client", "commissioning", "engine", "launch", "video"},
         {"replays"},
         {"web"},
     ],

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rovtwin.console import launch
-from rovtwin.console.engine import __main__ as begin
+from rovtwin.console import launch, locks
 from rovtwin.console.wire import LONGEST, Place
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.files import load_scenario
@@ -60,14 +59,14 @@ def test_an_engine_that_does_not_end_is_killed(place, monkeypatch):
 
 
 def test_who_looks_for_an_engine_keeps_none_from_beginning(place, monkeypatch):
-    monkeypatch.setattr(begin, "TRIES", 200)
+    monkeypatch.setattr(locks, "TRIES", 200)
     looked = place.lock.open("w")
     fcntl.flock(looked, fcntl.LOCK_SH)
     threading.Timer(0.1, looked.close).start()
-    assert begin._lock(place)
+    assert locks.Lock(place.lock).take()
     assert launch.alive(place)
-    monkeypatch.setattr(begin, "TRIES", 2)
-    assert not begin._lock(place)  # a second one
+    monkeypatch.setattr(locks, "TRIES", 2)
+    assert not locks.Lock(place.lock).take()  # a second one
 
 
 def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):

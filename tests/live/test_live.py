@@ -172,7 +172,7 @@ def test_the_description_of_a_dvl_and_a_drone_holds():
 
 def test_take_control_reaches_the_links(monkeypatch):
     opened = []
-    monkeypatch.setattr(connecting, "_hosted", lambda opener, scenario: opened.append(opener))
+    monkeypatch.setattr(connecting, "_hosted", lambda opener, scenario, stop_at: opened.append(opener))
     scenario = load_scenario("lawnmower_calm")
     connect("blueye://1.2.3.4,1.2.3.5?take_control", scenario, Clock())
     connect("blueye://1.2.3.4,1.2.3.5", scenario, Clock(), observe=True)

@@ -20,6 +20,7 @@ def commission(
     *,
     only: Sequence[str] = (),
     shown: Shown = lambda stage, attempt: None,
+    stop_at: Path | None = None,
 ) -> Dossier:
     """Work through the stages that are left, until one is a no-go or all are passed.
 
@@ -30,6 +31,7 @@ def commission(
         person: Whoever stands at the water.
         only: Names of stages to do, again if they are passed; empty: those that are left.
         shown: Called with each page as it is written.
+        stop_at: Where the process that holds the vehicle's line makes a socket at which any message stops thrusters.
 
     Raises:
         ConfigError: The folder or the request cannot be used, or a stage that comes first is missing.
@@ -43,7 +45,7 @@ def commission(
         for number, stage in _due(dossier, stages, only):
             person.say(f"{number}. {stage.title}: {stage.purpose}")
             attempt = dossier.next_attempt(number, stage)
-            outcome = _attempted(stage, Work(dossier, attempt.folder, person))
+            outcome = _attempted(stage, Work(dossier, attempt.folder, person, stop_at))
             dossier.end(attempt, outcome)
             shown(stage, dossier.attempts(stage.name)[-1])
             if not outcome.go:

@@ -108,6 +108,7 @@ class Stage:
         next: What the person does next once it is passed, a sentence.
         moves: Whether thrusters may turn in it: it begins with a confirmation of its own, each time.
         run: Does it, and returns the page.
+        connects: Whether it reaches for the vehicle; others compute only.
     """
 
     name: str
@@ -116,3 +117,4 @@ class Stage:
     next: str
     moves: bool
     run: "Callable[[Any], Outcome]"
+    connects: bool = True

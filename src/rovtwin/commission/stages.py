@@ -13,6 +13,7 @@ STAGES: tuple[Stage, ...] = (
         "Put the vehicle beside the tank, switched on, and start the bench test.",
         False,
         paper.run,
+        connects=False,
     ),
     Stage(
         "bench",
@@ -61,6 +62,7 @@ STAGES: tuple[Stage, ...] = (
         "Read the page, then let the autopilot be tuned and proven on the twin.",
         False,
         estimate.run,
+        connects=False,
     ),
     Stage(
         "prove",
@@ -69,6 +71,7 @@ STAGES: tuple[Stage, ...] = (
         "Put the vehicle into the tank, clear of walls, ready to be flown.",
         False,
         prove.run,
+        connects=False,
     ),
     Stage(
         "predict",
@@ -85,5 +88,6 @@ STAGES: tuple[Stage, ...] = (
         "Sign the certificate, keep the bundle, and check later dives against it with `rovtwin watch`.",
         False,
         lambda work: certificate.run(work, STAGES[:-1]),
+        connects=False,
     ),
 )

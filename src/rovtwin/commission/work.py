@@ -78,11 +78,13 @@ class Work:
         dossier: What was asked for and what earlier stages found.
         folder: Of this attempt.
         person: Whoever stands at the water.
+        stop_at: Socket that stops the thrusters, past this process, while a line steers; None: there is none.
     """
 
     dossier: Dossier
     folder: Path
     person: Person
+    stop_at: Path | None = None
 
     @property
     def request(self) -> Request:
@@ -156,7 +158,9 @@ class Work:
             self.person.progress(f"connecting to {link}")
             instruments = self.request.sensors if beside is None else ()
             sources = [stack.enter_context(source(url, clock)) for url in instruments]
-            vehicle = stack.enter_context(connect(link, scenario, clock, observe=observe))
+            steers = self.stop_at is not None and not observe
+            stopped = {"stop_at": self.stop_at} if steers else {}
+            vehicle = stack.enter_context(connect(link, scenario, clock, observe=observe, **stopped))
             yield Connected(vehicle, sources, clock)
 
     def may_move(self, what: str) -> bool:

@@ -31,6 +31,8 @@ class Client:
     Attributes:
         last: The latest message of each kind.
         heard_at: When the engine last said anything [s, monotonic].
+        also_stops: Called first by every STOP, and returns at once: whether it ends something that moves a vehicle
+            which the engine does not hold.
     """
 
     def __init__(self, place: Place, news: News):
@@ -55,6 +57,7 @@ class Client:
         self._stopping: dict[bytes, asyncio.Future[None]] = {}
         self.last: dict[str, dict[str, Any]] = {}
         self.received_at = -1e9
+        self.also_stops: Callable[[], bool] = lambda: False
 
     async def listen(self) -> None:
         """Until cancelled."""
@@ -76,6 +79,7 @@ class Client:
         Raises:
             LinkError: The link's host is there, and does not say that thrusters are off; the text is for people.
         """
+        ends = self.also_stops()
         text = f"stop {next(self._numbers)}".encode()
         confirmed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._stopping[text] = confirmed
@@ -90,10 +94,11 @@ class Client:
             ) from None
         finally:
             self._stopping.pop(text, None)
-        return there
+        return there or ends
 
     def off(self) -> None:
         """Thrusters off, past the engine, for who cannot wait for an answer."""
+        self.also_stops()
         self._press(b"stop at the end")
 
     def _press(self, text: bytes) -> bool:

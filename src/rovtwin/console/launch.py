@@ -1,6 +1,5 @@
 """Starting an engine, or finding the one that flies already."""
 
-import fcntl
 import json
 import os
 import signal
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rovtwin.console.locks import is_locked
 from rovtwin.console.wire import Place
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.files import dump_scenario
@@ -33,14 +33,7 @@ class Running:
 
 def alive(place: Place) -> bool:
     """Whether an engine is at a place, be it just beginning or ending."""
-    try:
-        with place.lock.open() as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:  # there never was one
-        return False
-    return False
+    return is_locked(place.lock)
 
 
 def running(place: Place) -> Running | None:

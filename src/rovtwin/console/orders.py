@@ -13,7 +13,9 @@ Stick = Annotated[Number, Field(ge=-1, le=1)]
 class Plain(Strict):
     """An order that needs nothing said with it."""
 
-    do: Literal["stop", "alive", "arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect", "quit"]
+    do: Literal[
+        "stop", "alive", "arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect", "lend", "quit"
+    ]
 
 
 class Submit(Strict):

@@ -68,6 +68,11 @@ class Place:
         return self.folder / "lock"
 
     @property
+    def commissioning(self) -> Path:
+        """File that a web server has locked as long as a commissioning holds the vehicle in place of the engine."""
+        return self.folder / "commissioning"
+
+    @property
     def note(self) -> Path:
         """File that says which engine is there: its process and what it flies."""
         return self.folder / "engine.json"

@@ -26,7 +26,7 @@ from rovtwin.scenario.schema import Scenario, SensorSection
 from rovtwin.simulation.twin import TwinInput
 
 
-def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
+def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False, stop_at: Path | None = None) -> Link:
     """The vehicle at a URL, open. A real one is held by a process of its own, which outlives ours.
 
     Args:
@@ -34,6 +34,7 @@ def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) 
         scenario: Its vehicle, and for `twin://` its world.
         clock: That readings are stamped with.
         observe: Only look: where the protocol tells pilots from watchers, be one of these.
+        stop_at: Where the process of a real one makes a socket at which any message stops the thrusters.
 
     Raises:
         ConfigError: The URL cannot be used, or not for this vehicle.
@@ -42,7 +43,7 @@ def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) 
     url, endpoint = registry.parse(text, "link", "--link", also=tuple(HERE))
     if endpoint is None:
         return HERE[url.scheme](url, scenario, clock)
-    return _hosted(opener(text, scenario, clock, observe), scenario)
+    return _hosted(opener(text, scenario, clock, observe), scenario, stop_at)
 
 
 def as_read(text: str, scenario: Scenario) -> Scenario:
@@ -135,8 +136,8 @@ def _replay(url: Url, scenario: Scenario, clock: Clock) -> Link:
     return ReplayLink(Log.read(Path(url.rest)), len(vehicle_of(scenario).thruster_names), clock)
 
 
-def _hosted(opener: Opener, scenario: Scenario) -> Link:
-    return RemoteLink(opener, len(vehicle_of(scenario).thruster_names))
+def _hosted(opener: Opener, scenario: Scenario, stop_at: Path | None) -> Link:
+    return RemoteLink(opener, len(vehicle_of(scenario).thruster_names), stop_at)
 
 
 HERE: dict[str, Callable[[Url, Scenario, Clock], Link]] = {"twin": _twin, "replay": _replay}

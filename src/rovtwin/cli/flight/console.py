@@ -127,7 +127,8 @@ def console(
                     f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False
                 )
             screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-            build(place, Gate(host, token), loaded, runs, link == "twin://", camera or camera_of(link), views)
+            films = camera or camera_of(link)
+            build(place, Gate(host, token), loaded, runs, link == "twin://", films, views, link, sensor or ())
             _serve(host, port, address if browser else "")
         finally:
             end(place)

@@ -1,19 +1,17 @@
 """`python -m rovtwin.console.engine`: the process that `rovtwin console` starts, and that outlives it."""
 
 import argparse
-import fcntl
 import json
 import logging
 import multiprocessing
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
+from rovtwin.console.locks import Lock
 from rovtwin.console.wire import Place
 
-TRIES = 10  # to lock a place
 PATIENCE = 1.0  # with a process that is to end [s]
 
 
@@ -29,7 +27,7 @@ def main() -> None:
     given = parser.parse_args()
     place = Place(given.place)
     logging.basicConfig(level=logging.WARNING)
-    if not _lock(place):
+    if not Lock(place.lock).take():  # until this process is gone: ending may take a while
         sys.exit(f"{place.folder}: an engine is there already")
     note = {"pid": os.getpid(), "link": given.link}
     place.note.write_text(json.dumps(note), encoding="utf-8")
@@ -43,7 +41,7 @@ def main() -> None:
     scenario = as_read(given.link, load_scenario(str(given.scenario), (), None))
     note["scenario"] = scenario.name
     place.note.write_text(json.dumps(note), encoding="utf-8")
-    config = EngineConfig(scenario, given.link, tuple(given.sensor), place.stop)
+    config = EngineConfig(scenario, given.link, tuple(given.sensor), place.stop, place.commissioning)
     engine = Engine(config, place.news, given.speed, given.runs)
     bridge = Bridge(engine, place.orders)
 
@@ -68,19 +66,6 @@ def _leave() -> None:
         one.join(PATIENCE)
         one.kill()
     os._exit(0)
-
-
-def _lock(place: Place) -> bool:
-    """Lock a place until this process is gone; False where another engine has it."""
-    lock = os.open(place.lock, os.O_RDWR | os.O_CREAT, 0o600)  # never closed: ending may take a while
-    for _ in range(TRIES):
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except OSError:  # of an engine, or for a moment of somebody who looks whether there is one
-            time.sleep(0.05)
-    os.close(lock)
-    return False
 
 
 if __name__ == "__main__":

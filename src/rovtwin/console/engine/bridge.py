@@ -110,6 +110,9 @@ class Bridge:
     def _quit(self, order: Any) -> None:
         self._engine.over = True
 
+    def _lend(self, order: Any) -> None:
+        self._engine.lend()
+
     def _reconnect(self, order: Any) -> None:
         if self._engine.switch.armed:
             raise ConfigError("armed: disarm before you connect anew")

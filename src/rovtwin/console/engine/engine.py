@@ -13,6 +13,7 @@ import numpy as np
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.lending import LENT, WHY, Lending
 from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.reporting.alerts import alerts, alerts_of_link
 from rovtwin.console.engine.reporting.publisher import Publisher
@@ -20,7 +21,7 @@ from rovtwin.console.engine.reporting.setup import setup_of
 from rovtwin.console.engine.reporting.state import Changes, counted, flown, plan_message
 from rovtwin.console.engine.switch import ArmSwitch
 from rovtwin.console.engine.ticker import Ticker
-from rovtwin.console.engine.vehicle_session import EngineConfig, SessionBuilder, VehicleSession
+from rovtwin.console.engine.vehicle_session import STEPS, EngineConfig, SessionBuilder, VehicleSession
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.processes.urgent import urgent
@@ -65,10 +66,14 @@ class Engine:
         self._pilot_command, self._commanded_at = NO_PILOT_COMMAND, -np.inf
         self._changes = Changes()
         self._urgent = ExitStack()
+        self._lending = Lending(config.held)
 
     def run(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Until `over`; `obey` gives orders that came, `wait` waits for more, so many seconds at most."""
-        self._builder.begin()
+        if self._lending.lent:
+            self._say(LENT, WHY)
+        else:
+            self._builder.begin()
         self._keep_time()
         try:
             while not self.over:
@@ -85,6 +90,9 @@ class Engine:
     def _turn(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         obey()
         self._take_over(self._builder.ready())
+        if self._lending.came_back():
+            self.event("info", "the vehicle is given back")
+            self.reconnect()
         if not self._running:
             self._listen()
         for _ in range(CATCH_UP):
@@ -98,6 +106,8 @@ class Engine:
     @property
     def session(self) -> VehicleSession:
         """Raises ConfigError while there is none."""
+        if self._lending.lent:
+            raise ConfigError(WHY)
         if self._ticker is None:
             raise ConfigError(f"no vehicle yet ({self._stage}): wait until its sensors deliver readings")
         return self._ticker.session
@@ -144,8 +154,33 @@ class Engine:
             self._ticker.session.helm.idle()
         self._end_flight("stopped by the operator")
 
+    def lend(self) -> None:
+        """Let go of the vehicle, for a commissioning, until that is over.
+
+        Raises:
+            ConfigError: It is armed, or being made ready.
+        """
+        if self.switch.armed or self.switch.arming:
+            raise ConfigError("the console has armed the vehicle: disarm it first")
+        if self.is_making_ready:
+            step = self._builder.step
+            doing = "" if step is None else f" ({STEPS[step.number - 1]}, {step.number} of {len(STEPS)})"
+            raise ConfigError(f"the console is making the vehicle ready{doing}. Start when it is: a minute or two")
+        if (made := self._builder.ready()) is not None:  # that nobody has taken over yet
+            made.close()
+        self._let_go("lent to a commissioning")
+        self._lending.lend()
+        self._say(LENT, WHY)
+        self.event("info", "the vehicle is lent to a commissioning")
+
     def reconnect(self) -> None:
-        """Let go of the vehicle and look for it anew."""
+        """Let go of the vehicle and look for it anew.
+
+        Raises:
+            ConfigError: A commissioning holds it.
+        """
+        if self._lending.lent:
+            raise ConfigError(WHY)
         self._let_go("reconnecting")
         self._builder.begin()
 

@@ -42,12 +42,16 @@ Say = Callable[[str, str], None]  # stage, note
 
 @dataclass(frozen=True)
 class EngineConfig:
-    """What to fly: a scenario, the vehicle's URL (`twin://` for a computed one), instruments beside it."""
+    """What to fly: a scenario, the vehicle's URL (`twin://` for a computed one), instruments beside it.
+
+    `stop_at` is the socket of the link's host; `held` is locked as long as a commissioning holds the vehicle.
+    """
 
     scenario: Scenario
     link: str
     sensors: tuple[str, ...]
     stop_at: Path
+    held: Path | None = None
 
     @property
     def is_twin(self) -> bool:

@@ -15,6 +15,8 @@ from rovtwin.console.replays.replay import Recording
 from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
+from rovtwin.console.web.commissioning.attending import Commissioning
+from rovtwin.console.web.commissioning.routes import add_commissioning
 from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
@@ -41,6 +43,8 @@ def build(
     is_twin: bool,
     camera: str | None = None,
     views: Sequence[str] = (),
+    link: str = "twin://",
+    sensors: Sequence[str] = (),
 ) -> Hub:
     """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle.
 
@@ -52,6 +56,8 @@ def build(
         is_twin: Whether the vehicle is computed.
         camera: Address of the vehicle's camera stream, if it has one.
         views: Addresses or entry points of views of one's own.
+        link: URL of the vehicle.
+        sensors: URLs of instruments beside it.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     own = OwnViews(hub, views)
@@ -62,6 +68,7 @@ def build(
     looks = vehicle_glb(vehicle)
     open_to(gate)
     add_replay(Shelf(runs), stop=hub.client.stop)
+    add_commissioning(Commissioning(hub, place, runs), runs, _asked_for(scenario, link, sensors))
 
     @app.websocket("/live")
     async def live(socket: WebSocket) -> None:
@@ -106,6 +113,15 @@ def build(
     app.on_startup(lambda: _when_ended(hub.client.off))
     app.on_shutdown(lambda: [task.cancel() for task in tasks])
     return hub
+
+
+def _asked_for(scenario: Scenario, link: str, sensors: Sequence[str]) -> dict[str, Any]:
+    """What the form of a new commissioning begins with: the vehicle, link and tank of this session."""
+    tank = scenario.world.tank
+    named = scenario.vehicle if isinstance(scenario.vehicle, str) else ""
+    sizes = None if tank is None else [abs(side[1] - side[0]) for side in (tank.north, tank.east)]
+    floor = getattr(scenario.world, "floor", None)
+    return {"vehicle": named, "link": link, "sensors": list(sensors), "sides": sizes, "depth": floor}
 
 
 def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:

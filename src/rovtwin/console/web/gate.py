@@ -81,7 +81,8 @@ class Guard:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 # Within a page of another site STOP's neighbours could be clicked unseen.
-                headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+                # Added to a page's own, if it has one: both count.
+                headers.append("Content-Security-Policy", "frame-ancestors 'none'")
                 headers["Referrer-Policy"] = "no-referrer"
                 if cookie:
                     headers.append("Set-Cookie", f"{cookie}={self._gate.token}; HttpOnly; Path=/; SameSite=strict")

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import math
 import secrets
 import time
 from collections.abc import Awaitable, Callable
@@ -74,6 +75,8 @@ class Hub:
         vehicle: That is flown: its name, file or description.
         line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
+        others: Orders that are done elsewhere, by name; only the page in control gives them.
+        left: Called when the page in control was closed, or its network broke.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
@@ -87,6 +90,8 @@ class Hub:
         self._seen_plan = self._ready = False
         self._tasks: set[asyncio.Task[Any]] = set()
         self._kept: dict[str, str] = {}
+        self.others: dict[str, Callable[[dict[str, Any]], Awaitable[str]]] = {}
+        self.left: list[Callable[[], None]] = []
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -127,12 +132,19 @@ class Hub:
         self._browsers.remove(browser)
         if self.rights.leave(browser.name):
             self.say("warning", f"{browser.name} left, who was in control: the operator watchdog counts")
+            for act in self.left:
+                act()
         self.tell_rights()
 
     @property
     def pages(self) -> int:
         """How many are open."""
         return len(self._browsers)
+
+    @property
+    def silent(self) -> float:
+        """Since the page in control last said anything [s]; inf where there is none."""
+        return min((one.silent for one in self._browsers if one.name == self.rights.holder), default=math.inf)
 
     def send(self, message: dict[str, Any]) -> None:
         """A message to all."""
@@ -228,6 +240,8 @@ class Hub:
             await self.client.ask(do)
         elif do in FULL:
             await self.client.ask(do, **what)
+        elif do in self.others:
+            return await self.others[do](what)
         else:
             raise RovtwinError(f"{do}: there is no such order")
         return ""

@@ -15,7 +15,7 @@ Filler = Callable[[], None]
 def page(is_test: bool = False, own: Sequence[str] = ()) -> None:
     """Build it, for missions or for a test; `own` are the names of views of one's own."""
     forms = {"Plan": "plan", "Pilot": "pilot"} if not is_test else {}
-    forms |= {"World": "world", "Replay": "runs"}
+    forms |= {"World": "world", "Replay": "runs", "Commission": "commissionings"}
     acting = {"Identify": later("identify")} if is_test else {}
     head()
     with ui.element("div").classes("console").props("id=console"):

@@ -10,7 +10,7 @@ from rovtwin.core.processes.urgent import start_below
 
 
 def started(
-    main: Callable[..., None], *arguments: Any, name: str, nice: int | None = None
+    main: Callable[..., None], *arguments: Any, name: str, nice: int | None = None, daemon: bool = True
 ) -> tuple[BaseProcess, Connection]:
     """A new process, which dies with this one, and our end of the pipe to it.
 
@@ -19,10 +19,12 @@ def started(
         arguments: Can be pickled.
         name: Of the process.
         nice: How much below this one in priority it is; None: it is not.
+        daemon: False for one that starts processes of its own. It does not die with this one by itself: it has to end
+            when its pipe is closed.
     """
     context = multiprocessing.get_context("spawn")
     pipe, theirs = context.Pipe()
-    process = context.Process(target=main, args=(theirs, *arguments), daemon=True, name=name)
+    process = context.Process(target=main, args=(theirs, *arguments), daemon=daemon, name=name)
     if nice is None:
         process.start()
     else:

@@ -60,6 +60,8 @@ def alerts(state: dict[str, Any], thrusters: list[str]) -> list[dict[str, str]]:
 
 def alerts_of_link(stage: str, note: str) -> list[dict[str, str]]:
     """What there is to say while there is no vehicle."""
+    if stage == "lent":
+        return [asdict(Alert("warning", "not flown from here", "a commissioning holds the vehicle", "see Commission"))]
     if stage != "lost":
         return []
     return [asdict(Alert("danger", "no vehicle", note, "check tether, power and network, then press Reconnect"))]
