@@ -82,6 +82,8 @@ class FakeWatch:
 class FakeBuilder:
     """Has a vehicle ready as often as it is asked to begin."""
 
+    is_making = False
+
     def __init__(self, expected, speed, say):
         self.clock, self.speed, self.calls = Clock(speed), speed, []
         self._made = self.step = None
@@ -151,7 +153,7 @@ def engine(monkeypatch):
     monkeypatch.setattr(module, "AGAIN", 0.0)
     monkeypatch.setattr(flights, "FlightLog", FakeFlight)
     scenario = SimpleNamespace(name="calm", control_dt=0.02, waypoints=[], origin=Datum(63.4, 10.4), test=None)
-    expected = SimpleNamespace(scenario=scenario, is_twin=True, link="twin://", sensors=(), stop_at=None)
+    expected = SimpleNamespace(scenario=scenario, is_twin=True, link="twin://", sensors=(), stop_at=None, held=None)
     made = module.Engine(expected, "ipc://nowhere")
     monkeypatch.setattr(made, "scenario_with", lambda waypoints: scenario)
     made._builder.begin()

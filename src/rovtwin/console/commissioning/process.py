@@ -41,6 +41,11 @@ def stages_of(address: str) -> Any:
     return getattr(import_module(module), name)
 
 
+def count_of(address: str) -> int:
+    """How many stages there are, once all that they need is imported."""
+    return len(stages_of(address))
+
+
 def main(pipe: Connection, job: Job) -> None:
     """What the process runs: the stage, and what came of it as the last message."""
     os.setsid()  # Ctrl-C in the terminal is for the console, which then ends this process in order

@@ -43,7 +43,7 @@ SILENT = 3.0  # a position older than this is worth a word [s]
 
 @dataclass(frozen=True)
 class Alert:
-    """`level` is "warning" or "danger"."""
+    """`level` is "note", "warning" or "danger"."""
 
     level: str
     what: str
@@ -61,7 +61,9 @@ def alerts(state: dict[str, Any], thrusters: list[str]) -> list[dict[str, str]]:
 def alerts_of_link(stage: str, note: str) -> list[dict[str, str]]:
     """What there is to say while there is no vehicle."""
     if stage == "lent":
-        return [asdict(Alert("warning", "not flown from here", "a commissioning holds the vehicle", "see Commission"))]
+        return [
+            asdict(Alert("note", "not flown from here", "a commissioning holds the vehicle", "It is given back there"))
+        ]
     if stage != "lost":
         return []
     return [asdict(Alert("danger", "no vehicle", note, "check tether, power and network, then press Reconnect"))]

@@ -7,13 +7,14 @@ been in control for a while, since nobody could press STOP.
 import asyncio
 import contextlib
 import math
+import time
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rovtwin.console.commissioning.checklist import checklist
 from rovtwin.console.commissioning.folders import ask_anew, begin, find, listed
-from rovtwin.console.commissioning.process import NICE, STAGES, Job, StageProcess
+from rovtwin.console.commissioning.process import NICE, STAGES, Job, StageProcess, count_of
 from rovtwin.console.locks import Lock
 from rovtwin.console.wire import Place
 from rovtwin.console.worker import Worker
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub
 
 LOOK = 0.1  # longest wait for a message of a stage, before it is looked who is there [s]
+SILENT = 3.0  # a page that says nothing for so long is away [s]; it says something five times a second
 ALONE = 10.0  # longest time without a page in control while a vehicle may move [s]
 CLOSING = 5.0  # longest wait for a stage that the console's end ends [s]
 LINES = 60  # that are kept of what a stage says
@@ -52,8 +54,10 @@ class Commissioning:
         self._progress: dict[str, Any] = {"what": "", "share": None}
         self._lines: deque[str] = deque(maxlen=LINES)
         self._ended: dict[str, Any] | None = None
+        self._seen_at = 0.0  # when a page in control was last there [s, monotonic]
         self._revision = 0  # of what lies in the folders
         self._task: asyncio.Task[None] | None = None
+        self._warming: asyncio.Task[None] | None = None
         hub.others["commission"] = self.do
         hub.left.append(self._left)
         hub.client.also_stops = self.stop
@@ -62,8 +66,14 @@ class Commissioning:
     # What pages read
 
     async def listed(self) -> dict[str, Any]:
-        """The commissionings there are."""
+        """The commissionings there are; somebody is about to choose one, so the process that reads them begins."""
+        if self._warming is None:
+            self._warming = asyncio.create_task(self._warm())
         return {"folder": str(self._root), "found": await asyncio.to_thread(listed, self._root)}
+
+    async def _warm(self) -> None:
+        with contextlib.suppress(RovtwinError, OSError):
+            await self._worker.call(count_of, self._stages)
 
     async def checklist(self, name: str) -> dict[str, Any]:
         """All of one; ConfigError where it cannot be read."""
@@ -114,6 +124,7 @@ class Commissioning:
             self._starting = False
         self._process, self._question, self._ended = process, None, None
         self._lines.clear()
+        self._seen_at = time.monotonic()
         self._progress = {"what": "starting", "share": None}
         self._now = {key: row[key] for key in ("name", "title", "moves")} | {"folder": folder}
         self._changed()
@@ -240,8 +251,11 @@ class Commissioning:
             self._tell()
 
     def _mind(self, process: StageProcess) -> None:
-        """End what moves where nobody could press STOP."""
-        if self._now is not None and self._now["moves"] and self._hub.silent > ALONE and not process.stopped:
+        """End what moves where nobody could press STOP; a page that is loaded anew is back before."""
+        now = time.monotonic()
+        if self._hub.silent < SILENT:
+            self._seen_at = now
+        if self._now is not None and self._now["moves"] and now - self._seen_at > ALONE and not process.stopped:
             self._lines.append(f"ended: no page has been in control for {ALONE:g} s")
             self.stop()
 

@@ -130,6 +130,9 @@ function show(facts, state, arm) {
   const asked = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
   const slow = reached(state);
   facts.time(`${clock(state.t)}${asked}${slow ? `, reached ×${slow}` : ''}`, state.running && !slow ? '' : 'warn');
+  const stage = state.stage === 'lent' ? live.last.commission?.now : null;
+  if (stage?.moves) facts.arm(`${stage.title} may turn them`, 'warn');
+  if (state.stage === 'lent') ['phase', 'age', 'battery', 'leak', 'position', 'nis', 'progress'].forEach(id => facts[id]('–'));
   if (!state.eta) return;
   const loud = state.reason === 'operator' ? 'warn' : LOUD[state.phase] || '';  // what you asked for is no alarm
   facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'no data', loud);

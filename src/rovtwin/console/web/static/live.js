@@ -40,14 +40,14 @@ export const live = {
     for (const handler of handlers.get(kind) || []) handler(message);
   },
 
-  /** Gives an order; resolves with the answer, rejects with an Error whose message is for people. */
-  send(order) {
+  /** Gives an order; resolves with the answer, rejects with an Error whose message is for people; waits so long for it [ms]. */
+  send(order, patience = PATIENCE) {
     if (socket?.readyState !== WebSocket.OPEN) return Promise.reject(new Error('the console is not connected'));
     number += 1;
     const id = number;
     return new Promise((resolve, reject) => {
       waiting.set(id, [resolve, reject]);
-      setTimeout(() => settle({id, ok: false, error: 'the console does not answer'}), PATIENCE);
+      setTimeout(() => settle({id, ok: false, error: 'the console does not answer'}), patience);
       socket.send(JSON.stringify({...order, id, pulse: live.last.pulse?.at}));
     });
   },
