@@ -17,6 +17,7 @@ export const live = {
     window.sent.push(message);
     if (window.late) await new Promise(done => setTimeout(done, window.late));
     if (window.refuse) throw new Error(window.refuse);
+    return {ok: true};
   },
 };
 export const stop = () => live.send({do: 'stop'});

@@ -240,7 +240,7 @@ def test_the_checklist_has_the_next_step_and_the_pages(desk, tmp_path):
     request = Dossier.open(tmp_path / "c").request
     commission(request, tmp_path / "c", STAGES, Yes(answer=False), only=["asks"])
     found = checklist(tmp_path, "c", CHEAP)
-    assert found["next"] == "No-go, asked: it was not confirmed. Then start Asks again."
+    assert found["next"] == "No-go, asked: it was not confirmed. Repeat this stage."
     (tmp_path / "c" / "2-asks" / "1" / "outcome.json").unlink()
     assert "cut off" in checklist(tmp_path, "c", CHEAP)["next"]
     ask_anew(tmp_path, "c", {"tank": "8x4x2"})

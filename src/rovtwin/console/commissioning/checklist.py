@@ -10,7 +10,6 @@ from rovtwin.console.commissioning.folders import find
 from rovtwin.console.commissioning.process import STAGES, stages_of
 
 PICTURES = (".png", ".jpg", ".jpeg")
-REPEAT = ("Then ", "Repeat ", "Give the same command")  # fixes that say no more than that it is to be done again
 DEEPEST = 2  # folders in which pictures are looked for
 
 
@@ -43,14 +42,19 @@ def next_step(rows: Sequence[tuple[Stage, str, Attempt | None]]) -> str:
             continue
         if words == "no-go" and last is not None and last.outcome is not None:
             first = next(check for check in last.outcome.checks if check.verdict == "stop")
-            mend = first.text if first.fix.startswith(REPEAT) or not first.fix else first.fix
-            return f"No-go, {first.what}: {mend.rstrip('. ')}. Then start {stage.title} again."
+            if "repeat" in first.fix.lower():  # it says what comes then by itself
+                return f"No-go, {first.what}: {first.text} {_begun_large(first.fix.removeprefix('Then '))}"
+            return f"No-go, {first.what}: {(first.fix or first.text).rstrip('. ')}. Then start {stage.title} again."
         if words == "cut off":
             return f"{stage.title} was cut off, and what it has measured is kept: start it again."
         if words == "out of date":
             return f"The vehicle file, the tank or the link was changed since {stage.title} was passed: start it again."
         return before if "start" in before else f"{before} Start {stage.title}.".strip()
     return before
+
+
+def _begun_large(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _row(dossier: Dossier, number: int, stage: Stage, words: str) -> dict[str, Any]:

@@ -61,9 +61,8 @@ def alerts(state: dict[str, Any], thrusters: list[str]) -> list[dict[str, str]]:
 def alerts_of_link(stage: str, note: str) -> list[dict[str, str]]:
     """What there is to say while there is no vehicle."""
     if stage == "lent":
-        return [
-            asdict(Alert("note", "not flown from here", "a commissioning holds the vehicle", "It is given back there"))
-        ]
+        cause, remedy = "a commissioning holds the vehicle", "it is given back in Commission"
+        return [asdict(Alert("note", "not flown from here", cause, remedy))]
     if stage != "lost":
         return []
     return [asdict(Alert("danger", "no vehicle", note, "check tether, power and network, then press Reconnect"))]

@@ -1,0 +1,248 @@
+"""The view Commission in Chromium: what to do next, cards that only a click made after they appeared answers, pages."""
+
+import json
+
+import pytest
+
+QUESTION = {"id": 3, "kind": "confirm", "text": "Thrusters turn for 38 s. Are all hands away", "unit": ""}
+NOW = {"name": "dip", "title": "Dip", "moves": True, "folder": "c"}
+CHECKS = [
+    {"verdict": "ok", "what": "gyro", "text": "as expected", "fix": ""},
+    {"verdict": "warning", "what": "clock", "text": "it is late.", "fix": "Look for a slow link."},
+    {"verdict": "stop", "what": "port", "text": "pushes the other way.", "fix": "Turn its sign."},
+]
+FILES = [
+    {"path": "3-dip/2/log.mcap", "picture": False, "bytes": 1_500_000},
+    {"path": "3-dip/2/pull.png", "picture": True, "bytes": 900},
+    {"path": "3-dip/2/certificate.html", "picture": False, "bytes": 9000},
+    {"path": "3-dip/2/bundle.zip", "picture": False, "bytes": 9000},
+]
+
+
+def attempt(number, state, checks, files=()):
+    fixed = {"began": "2026-11-26T12:00:00Z", "seconds": 38.0, "skipped": "no scale", "folder": f"3-dip/{number}"}
+    return fixed | {"number": number, "state": state, "checks": checks, "files": list(files)}
+
+
+def stage(number, name, state, attempts=()):
+    words = {"purpose": f"what {name} finds out", "next": f"What comes after {name}."}
+    flags = {"moves": name == "dip", "connects": True}
+    return {"number": number, "name": name, "title": name.title(), "state": state, "attempts": list(attempts)} | (
+        words | flags
+    )
+
+
+TRIED = [attempt(1, "cut off", []), attempt(2, "no-go", CHECKS, FILES)]
+STAGES = [stage(1, "paper", "passed", [attempt(1, "go", CHECKS[:1])]), stage(2, "dip", "no-go", TRIED)]
+REQUEST = {
+    "vehicle": "double_blueye",
+    "link": "twin://",
+    "tank": "6x3x1.5",
+    "sensors": [],
+    "minutes": 15,
+    "prior": None,
+}
+CHECKLIST = {
+    "name": "c",
+    "folder": "/runs/c",
+    "request": REQUEST,
+    "due": "dip",
+    "next": "No-go, port: Turn its sign. Then start Dip again.",
+    "stages": [*STAGES, stage(3, "drill", "to do")],
+}
+FOUND = {"name": "c", "vehicle": "double_blueye", "link": "twin://", "last": "dip", "date": "2026-11-26 12:00"}
+LIST = {"folder": "runs", "found": [FOUND], "defaults": {"vehicle": "my/rov.yaml", "link": "twin://", "sides": [6, 3]}}
+
+
+@pytest.fixture
+def opened(open_views, views_page):
+    """`opened("?name=c")` builds the view with a checklist; this page is in control."""
+    shared, _ = views_page
+    found = {"checklist": CHECKLIST, "list": LIST}
+
+    def answer(route):
+        kind = route.request.url.split("/commission/")[1].split("?")[0]
+        route.fulfill(body=json.dumps(found[kind]), content_type="application/json")
+
+    shared.route("**/commission/*", answer)
+    shared.route("**/commission/file*", lambda route: route.fulfill(body="<svg/>", content_type="image/svg+xml"))
+
+    def opened(query, may=True):
+        shared.evaluate("query => history.replaceState(null, '', '/' + query)", query)
+        page = open_views("commission")
+        page.evaluate("may => window.emit({kind: 'rights', may, in_control: may ? 'b1' : 'b2'})", may)
+        reported(page, revision=0)  # the stand-in remembers what other tests told it
+        return page
+
+    yield opened
+    shared.evaluate("history.replaceState(null, '', '/')")
+    shared.unroute("**/commission/*")
+    shared.unroute("**/commission/file*")
+
+
+def reported(page, **changes):
+    """What the server tells of the stage that is being done."""
+    fixed = {"kind": "commission", "now": None, "question": None, "progress": {"what": "", "share": None}}
+    page.evaluate("m => window.emit(m)", fixed | {"lines": [], "ended": None, "held": False, "revision": 1} | changes)
+
+
+def answers(page):
+    return page.evaluate("window.sent.filter(one => one.op === 'answer').map(one => [one.question, one.value])")
+
+
+def able(page):
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.commission-question button')].every(b => !b.disabled)"
+    )
+
+
+def test_only_a_click_made_after_the_question_appeared_answers_it(opened):
+    page = opened("?name=c")
+    page.get_by_role("button", name="Start Dip").wait_for()
+    reported(page, now=NOW, question=QUESTION)
+    card = page.get_by_role("alertdialog", name="Dip asks")
+    yes, no = card.get_by_role("button", name="Yes"), card.get_by_role("button", name="No")
+    assert yes.is_disabled() and no.is_disabled(), "a click that was meant for something else"
+    page.keyboard.press("Enter")
+    page.keyboard.press("Space")
+    assert page.evaluate("document.activeElement.getAttribute('role')") == "alertdialog"
+    assert answers(page) == []
+    able(page)
+    page.keyboard.press("Enter")
+    assert answers(page) == [], "no button has the focus by itself"
+    assert "read it, look at the vehicle, then answer" in page.inner_text("#commission-next")
+    yes.click()
+    assert answers(page) == [[3, True]] and yes.is_disabled() and no.is_disabled()
+    reported(page, now=NOW, question=QUESTION | {"id": 4})
+    able(page)
+    no.click()
+    assert answers(page) == [[3, True], [4, False]]
+    reported(page, now=NOW)
+    assert page.locator(".commission-question").count() == 0
+
+
+def test_a_figure_has_its_unit_and_may_be_not_to_be_had(opened):
+    page = opened("?name=c")
+    reported(page, now=NOW, question=QUESTION | {"id": 5, "kind": "number", "text": "What did it read", "unit": "N"})
+    able(page)
+    field = page.get_by_label("What did it read [N]")
+    page.get_by_role("button", name="Send").click()
+    assert answers(page) == [], "nothing was typed"
+    field.fill("12.5")
+    field.press("Enter")
+    assert answers(page) == [[5, 12.5]]
+    reported(page, now=NOW, question=QUESTION | {"id": 6, "kind": "number", "text": "And now", "unit": "N"})
+    able(page)
+    page.get_by_role("button", name="Not to be had").click()
+    assert answers(page)[1:] == [[6, None]]
+
+
+def test_who_only_watches_answers_and_starts_nothing(opened):
+    page = opened("?name=c", may=False)
+    assert page.get_by_role("button", name="Start Dip").is_disabled()
+    reported(page, now=NOW, question=QUESTION)
+    page.wait_for_timeout(1000)
+    assert (
+        page.get_by_role("button", name="Yes").is_disabled()
+        and page.get_by_role("button", name="End Dip").is_disabled()
+    )
+    assert "b2 is in control" in page.inner_text(".commission-question")
+    assert "whoever is in control answers" in page.inner_text("#commission-next")
+
+
+def test_one_sentence_says_what_to_do_next(opened):
+    page = opened("?name=c")
+    page.wait_for_function(
+        "text => document.querySelector('#commission-next').innerText === text", arg=CHECKLIST["next"]
+    )
+    page.get_by_role("button", name="Start Dip").click()
+    assert page.evaluate("window.sent.at(-1)") == {"do": "commission", "op": "start", "folder": "c", "stage": "dip"}
+    reported(
+        page, now=NOW, held=True, revision=2, progress={"what": "pushing ahead", "share": 0.25}, lines=["hands off"]
+    )
+    assert "watch the vehicle. STOP or Esc" in page.inner_text("#commission-next")
+    assert page.locator("#commission progress").get_attribute("value") == "0.25"
+    page.evaluate("window.emit({kind: 'commission_progress', what: 'pushing astern', share: 0.5})")
+    assert "pushing astern" in page.inner_text("#commission-now") and "hands off" in page.inner_text("#commission-now")
+    page.get_by_role("button", name="End Dip").click()
+    assert page.evaluate("window.sent.at(-1).op") == "end"
+    assert page.locator("#stage-dip .commission-chip").inner_text() == "now"
+    reported(page, now=NOW | {"name": "paper", "title": "Paper", "moves": False}, revision=3)
+    assert "thrusters stay off" in page.inner_text("#commission-next")
+    ended = {"stage": "dip", "folder": "c", "how": "no-go", "level": "danger", "text": "Dip: no-go. Its page says why."}
+    reported(page, ended=ended, held=True, revision=4)
+    assert "Its page says why" in page.inner_text("#commission-now")
+    page.get_by_role("button", name="Give the vehicle back").click()
+    assert page.evaluate("window.sent.at(-1).op") == "give_back"
+
+
+def test_a_page_has_lines_with_their_fixes_pictures_and_links(opened):
+    page = opened("?name=c")
+    page.get_by_role("heading", name="2 Dip").wait_for()
+    lines = page.locator(".commission-checks li").all_inner_texts()
+    assert [line.split("\n")[0] for line in lines] == ["NO-GO", "warning", "ok"], "what stops it stands first"
+    assert "Turn its sign." in lines[0] and "Without it: no scale" in page.inner_text(".commission-page")
+    links = page.eval_on_selector_all(
+        ".commission-page a", "all => all.map(a => [a.innerText, a.getAttribute('href')])"
+    )
+    named = dict(links)
+    assert named["Certificate"] == "/commission/file?name=c&path=3-dip%2F2%2Fcertificate.html"
+    assert "Bundle of the evidence" in named and page.locator(".commission-pictures img").count() == 1
+    page.get_by_label("Attempt").select_option(label="1 (cut off)")
+    assert "ended before it had a page" in page.inner_text(".commission-page")
+    page.locator("#stage-paper").click()
+    page.get_by_role("heading", name="1 Paper").wait_for()
+    page.get_by_role("button", name="Do Paper again").click()
+    assert page.evaluate("window.sent.at(-1).stage") == "paper"
+
+
+def test_one_is_begun_or_opened_and_asked_for_anew(opened):
+    page = opened("")
+    assert "Begin a commissioning, or open one" in page.inner_text("#commission-next")
+    page.get_by_role("link", name="c double_blueye over twin://").wait_for()
+    assert page.get_by_label("Folder").input_value() == "commissioned-rov"
+    for side, value in (("length", "6"), ("width", "3"), ("depth", "1.5")):
+        page.get_by_label(f"{side} of the tank").fill(value)
+    page.evaluate("window.refuse = 'folder: runs/c is there already'")
+    page.get_by_role("button", name="Begin").click()
+    page.get_by_text("runs/c is there already").wait_for()
+    given = page.evaluate("window.sent.at(-1)")
+    assert given["op"] == "begin" and given["folder"] == "commissioned-rov"
+    asked = {"vehicle": "my/rov.yaml", "tank": "6x3x1.5", "interval": 0.05, "currents": [0, 0.1, 0.2], "prior": None}
+    assert {key: given["request"][key] for key in asked} == asked
+    page = opened("?name=c")
+    page.get_by_text("What is asked for").click()
+    page.get_by_label("Most minutes").fill("25")
+    page.get_by_role("button", name="Ask for this from now on").click()
+    given = page.evaluate("window.sent.at(-1)")
+    assert (given["op"], given["folder"], given["request"]["minutes"]) == ("change", "c", 25)
+
+
+SMALL = """() => [...document.querySelectorAll('#commission button, #commission a.action')]
+  .filter(one => one.offsetParent && one.offsetHeight < (innerWidth <= 900 ? 44 : 30)).map(one => one.outerHTML)"""
+
+
+@pytest.mark.parametrize("width, height", [(1440, 900), (1024, 768), (390, 844)])
+def test_nobody_is_kept_out_and_nothing_runs_over_the_edge(opened, width, height):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe-playwright-python")
+    page = opened("?name=c")
+    page.set_viewport_size({"width": width, "height": height})
+    try:
+        page.get_by_role("heading", name="2 Dip").wait_for()
+        shown = [
+            {},
+            {"now": NOW},
+            {"now": NOW, "question": QUESTION},
+            {"now": NOW, "question": QUESTION | {"kind": "number", "id": 9}},
+        ]
+        for changes in shown:
+            reported(page, **changes)
+            page.wait_for_timeout(900 if "question" in changes else 0)
+            found = axe.Axe().run(page, context="#commission").response["violations"]
+            grave = [(one["id"], one["nodes"][0]["html"][:120]) for one in found if one["impact"] != "minor"]
+            assert grave == []
+            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+            small = page.evaluate(SMALL)
+            assert small == []
+    finally:
+        page.set_viewport_size({"width": 900, "height": 600})
