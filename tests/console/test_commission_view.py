@@ -5,7 +5,7 @@ import json
 import pytest
 
 QUESTION = {"id": 3, "kind": "confirm", "text": "Thrusters turn for 38 s. Are all hands away", "unit": ""}
-NOW = {"name": "dip", "title": "Dip", "moves": True, "folder": "c"}
+NOW = {"name": "dip", "title": "Dip", "moves": True, "folder": "c", "attempts": 1}
 CHECKS = [
     {"verdict": "ok", "what": "gyro", "text": "as expected", "fix": ""},
     {"verdict": "warning", "what": "clock", "text": "it is late.", "fix": "Look for a slow link."},
@@ -167,6 +167,7 @@ def test_one_sentence_says_what_to_do_next(opened):
     page.get_by_role("button", name="End Dip").click()
     assert page.evaluate("window.sent.at(-1).op") == "end"
     assert page.locator("#stage-dip .commission-chip").inner_text() == "now"
+    assert page.locator("#commission-attempt").count() == 0, "the attempt that is being made has no page yet"
     reported(page, now=NOW | {"name": "paper", "title": "Paper", "moves": False}, revision=3)
     assert "thrusters stay off" in page.inner_text("#commission-next")
     ended = {"stage": "dip", "folder": "c", "how": "no-go", "level": "danger", "text": "Dip: no-go. Its page says why."}
@@ -181,6 +182,8 @@ def test_a_page_has_lines_with_their_fixes_pictures_and_links(opened):
     page.get_by_role("heading", name="2 Dip").wait_for()
     lines = page.locator(".commission-checks li").all_inner_texts()
     assert [line.split("\n")[0] for line in lines] == ["NO-GO", "warning", "ok"], "what stops it stands first"
+    box = page.locator(".commission-checks li").first.bounding_box()
+    assert box["width"] > 300, "a no-go line has room for its words"
     assert "Turn its sign." in lines[0] and "Without it: no scale" in page.inner_text(".commission-page")
     links = page.eval_on_selector_all(
         ".commission-page a", "all => all.map(a => [a.innerText, a.getAttribute('href')])"

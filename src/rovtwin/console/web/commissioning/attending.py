@@ -126,7 +126,8 @@ class Commissioning:
         self._lines.clear()
         self._seen_at = time.monotonic()
         self._progress = {"what": "starting", "share": None}
-        self._now = {key: row[key] for key in ("name", "title", "moves")} | {"folder": folder}
+        self._now = {key: row[key] for key in ("name", "title", "moves")}
+        self._now |= {"folder": folder, "attempts": len(row["attempts"])}
         self._changed()
         self._task = asyncio.create_task(self._attend(process))
 

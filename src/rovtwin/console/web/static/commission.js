@@ -146,7 +146,7 @@ class View {
   choose(name) {
     this.chosen = name;
     this.show();
-    if (matchMedia('(max-width: 900px)').matches) this.page.scrollIntoView({block: 'start'}); // below the list there
+    if (matchMedia('(max-width: 900px)').matches) this.page.scrollIntoView({block: 'start'}); // above the list there
   }
 
   #chosenName() { return this.chosen ?? this.#recent(); }
@@ -181,7 +181,9 @@ class View {
     const stage = this.data?.stages.find(one => one.name === this.#chosenName());
     if (!stage) return;
     const may = Boolean(live.last.rights?.may) && !this.message.now && !this.starting;
-    const key = JSON.stringify([stage, may]);
+    const {now} = this.message;
+    const doing = now?.name === stage.name && now.folder === this.name ? now : null;
+    const key = JSON.stringify([stage, may, doing]);
     if (this.page.dataset.key === key) return;
     this.page.dataset.key = key;
     const words = stage.attempts.length ? `Do ${stage.title} again` : '';
@@ -191,7 +193,7 @@ class View {
     const form = make('details', {id: 'commission-asked'}, make('summary', {}, 'What is asked for'),
       formOf(this.data.request, this.name, () => this.read()));
     form.open = Boolean(open);
-    this.page.replaceChildren(...pageOf(this.name, stage, again), form);
+    this.page.replaceChildren(...pageOf(this.name, stage, again, doing), form);
   }
 
   /** Those there are, and the form that begins one. */

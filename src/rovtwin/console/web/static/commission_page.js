@@ -17,7 +17,7 @@ export const chip = (state, word = state) => make('span', {class: 'commission-ch
 
 function lines(checks) {
   const sorted = [...checks].sort((a, b) => RANK[a.verdict] - RANK[b.verdict]);
-  return make('ul', {class: 'commission-checks', 'aria-label': 'What was found'}, ...sorted.map(one => make('li', {class: one.verdict},
+  return make('ul', {class: 'commission-checks', 'aria-label': 'What was found'}, ...sorted.map(one => make('li', {'data-verdict': one.verdict},
     make('b', {}, MARKS[one.verdict]), make('div', {}, make('strong', {}, one.what), ` ${one.text} `,
       ...(one.fix ? [make('em', {}, one.fix)] : [])))));
 }
@@ -52,15 +52,15 @@ function attemptOf(name, one) {
   ];
 }
 
-/** The page of a stage; `again` are buttons to do it. */
-export function pageOf(name, stage, again) {
-  const attempts = [...stage.attempts].reverse();
+/** The page of a stage; `again` are buttons to do it; `now` is what is being done of it, null where nothing is. */
+export function pageOf(name, stage, again, now) {
+  const attempts = stage.attempts.slice(0, now?.attempts).reverse(); // without the one that is being made
   const body = make('div', {class: 'commission-attempt'});
   const show = i => body.replaceChildren(...attemptOf(name, attempts[i]));
-  const head = [make('h2', {}, `${stage.number} ${stage.title} `, chip(stage.state)), make('p', {}, `${stage.purpose[0].toUpperCase()}${stage.purpose.slice(1)}`),
+  const head = [make('h2', {}, `${stage.number} ${stage.title} `, chip(now ? 'now' : stage.state)), make('p', {}, `${stage.purpose[0].toUpperCase()}${stage.purpose.slice(1)}`),
     ...(stage.moves ? [make('p', {class: 'muted'}, 'Thrusters may turn in it. It asks first, each time.')] : [])];
   if (attempts.length) show(0);
-  else body.append(make('p', {class: 'muted'}, 'Not done yet.'));
+  else body.append(make('p', {class: 'muted'}, now ? 'Its page comes when it has ended.' : 'Not done yet.'));
   const choose = attempts.length > 1 ? [make('label', {class: 'line'}, 'Attempt ',
     make('select', {id: 'commission-attempt', onchange: event => show(Number(event.target.value))},
       ...attempts.map((one, i) => make('option', {value: i}, `${one.number} (${one.state})`))))] : [];
