@@ -249,3 +249,12 @@ def test_nobody_is_kept_out_and_nothing_runs_over_the_edge(opened, width, height
             assert small == []
     finally:
         page.set_viewport_size({"width": 900, "height": 600})
+
+
+def test_a_picture_that_a_stage_names_is_shown(opened):
+    page = opened("?name=c")
+    page.get_by_role("button", name="Start Dip").wait_for()
+    lines = ["Picture: /runs/c/3-dip/3/pull.png", "Picture: /etc/c/pull.png"]
+    reported(page, now=NOW, lines=lines)
+    shown = page.locator(".commission-lines img")
+    assert shown.count() == 1 and shown.get_attribute("src") == "/commission/file?name=c&path=3-dip%2F3%2Fpull.png"

@@ -1,7 +1,7 @@
 /** The view Commission: what to do next, the checklist, the stage that is being done, the page of a stage. */
 import {make, mount} from '/static/canvas.js';
 import {LONG, formOf, listOf} from '/static/commission_list.js';
-import {LEVEL, chip, pageOf} from '/static/commission_page.js';
+import {LEVEL, chip, lineOf, pageOf} from '/static/commission_page.js';
 import {cardOf} from '/static/commission_question.js';
 import {live} from '/static/live.js';
 import {showReply} from '/static/page.js';
@@ -127,7 +127,7 @@ class View {
 
   #showNow() {
     const {now, question, progress, lines, ended} = this.message;
-    const key = JSON.stringify([now, question?.id, lines, ended, live.last.rights?.may]);
+    const key = JSON.stringify([now, question?.id, lines, ended, live.last.rights?.may, this.#chosenName(), this.data?.folder]);
     if (this.now.dataset.key === key) return;
     this.now.dataset.key = key;
     const parts = [];
@@ -135,9 +135,9 @@ class View {
     if (now && !question) parts.push(make('div', {class: 'commission-progress'},
       make('progress', {max: 1, 'aria-label': `Progress of ${now.title}`, ...(progress.share === null ? {} : {value: progress.share})}),
       make('span', {class: 'commission-what'}, progress.what)));
-    if (!now && ended?.folder === this.name) parts.push(make('p', {class: 'commission-ended', 'data-level': LEVEL[ended.how === 'go' ? 'go' : 'no-go'], role: 'status'}, ended.text));
+    if (!now && ended?.folder === this.name && ended.stage === this.#chosenName()) parts.push(make('p', {class: 'commission-ended', 'data-level': LEVEL[ended.how === 'go' ? 'go' : 'no-go'], role: 'status'}, ended.text));
     if (now && lines.length) parts.push(make('ul', {class: 'commission-lines', role: 'log', 'aria-label': 'What the stage says'},
-      ...lines.map(line => make('li', {}, line))));
+      ...lines.map(line => lineOf(now.folder, now.folder === this.name ? this.data?.folder : '', line))));
     this.now.replaceChildren(...parts);
     const log = this.now.querySelector('.commission-lines');
     if (log) log.scrollTop = log.scrollHeight;

@@ -22,17 +22,28 @@ function lines(checks) {
       ...(one.fix ? [make('em', {}, one.fix)] : [])))));
 }
 
+const isMain = file => MAIN[base(file.path)] && !file.path.includes('/bundle/');
+
+/** Certificate and bundle, where there are any. */
+function main(name, found) {
+  const links = found.filter(isMain).map(file => make('a', {href: address(name, file.path), target: '_blank', rel: 'noopener',
+    class: 'action commission-main-file'}, MAIN[base(file.path)]));
+  return links.length ? [make('div', {class: 'line'}, ...links)] : [];
+}
+
+/** A line that a stage says: the picture that it names is shown, where it lies in the commissioning's folder. */
+export function lineOf(name, folder, text) {
+  const path = /\S+\.png$/.exec(text)?.[0];
+  if (!path || !folder || !path.startsWith(`${folder}/`)) return make('li', {}, text);
+  const inside = path.slice(folder.length + 1);
+  return make('li', {}, make('img', {class: 'commission-shown', src: address(name, inside), alt: `Picture ${base(inside)}`}));
+}
+
 function files(name, found) {
-  const main = found.filter(file => MAIN[base(file.path)] && !file.path.includes('/bundle/'));
   const pictures = found.filter(file => file.picture);
-  const rest = found.filter(file => !main.includes(file));
+  const rest = found.filter(file => !isMain(file));
   const link = (file, ...inner) => make('a', {href: address(name, file.path), target: '_blank', rel: 'noopener'}, ...inner);
   return [
-    ...(main.length ? [make('div', {class: 'line'}, ...main.map(file => {
-      const one = link(file, MAIN[base(file.path)]);
-      one.className = 'action commission-main-file';
-      return one;
-    }))] : []),
     ...(pictures.length ? [make('div', {class: 'commission-pictures'}, ...pictures.map(file => link(file,
       make('img', {src: address(name, file.path), alt: `Picture ${base(file.path)}`, loading: 'lazy'}))))] : []),
     ...(rest.length ? [make('details', {}, make('summary', {}, `Files (${rest.length})`),
@@ -46,6 +57,7 @@ function attemptOf(name, one) {
   const took = one.seconds ? `, ${lasting(one.seconds)} of vehicle time` : '';
   return [
     make('p', {class: 'muted'}, chip(one.state), ` begun ${when}${took}, kept in ${one.folder}`),
+    ...main(name, one.files),
     ...(one.checks.length ? [lines(one.checks)] : [make('p', {}, 'It ended before it had a page: what it measured until then is kept.')]),
     ...(one.skipped ? [make('p', {class: 'commission-skipped'}, make('strong', {}, 'Without it: '), one.skipped)] : []),
     ...files(name, one.files),

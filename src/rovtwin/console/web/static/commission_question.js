@@ -21,7 +21,7 @@ function able(card) {
 export function cardOf(question, {title, moves}) {
   const rights = live.last.rights;
   const card = make('div', {class: 'commission-question', role: 'alertdialog', tabindex: '-1', 'aria-label': `${title} asks`});
-  const ask = make('p', {class: 'commission-ask'}, question.text.replace(/\s*\?*$/, question.kind === 'confirm' ? '?' : ''));
+  const ask = make('p', {class: 'commission-ask'}, question.text.replace(/\s*\?*$/, '?'));
   card.append(make('p', {class: 'muted'}, `${title} asks`), ask);
   if (question.kind === 'confirm') {
     const button = (word, value) => make('button', {class: `action commission-${word.toLowerCase()}`, type: 'button', disabled: true,
@@ -39,7 +39,8 @@ export function cardOf(question, {title, moves}) {
       make('button', {class: 'action commission-yes', type: 'submit', disabled: true}, 'Send'),
       make('button', {class: 'action', type: 'button', disabled: true, onclick: () => answer(question, null, card)}, 'Not to be had')));
   }
-  if (!rights?.may) card.append(make('p', {class: 'muted'}, `${rights?.in_control ?? 'Nobody'} is in control, and answers.`));
+  if (!rights?.may) card.append(make('p', {class: 'muted'}, rights?.in_control
+    ? `${rights.in_control} is in control, and answers.` : 'Nobody is in control: take control above to answer.'));
   setTimeout(() => able(card), READ);
   return card;
 }
