@@ -203,6 +203,23 @@ async def _viewers(port: int, begun: Begun) -> None:
     await asyncio.gather(*viewing)
 
 
+async def _commissioning(port: int, begun: Begun) -> None:
+    """A stage of a commissioning that computes, again and again, in a process of its own."""
+    folder = f"load-{os.getpid()}-{time.monotonic_ns()}"
+    asked = {"vehicle": "double_blueye", "link": "twin://", "tank": "6x3x1.5"}
+    first = {"do": "commission", "op": "begin", "folder": folder, "request": asked, "id": "begin"}
+    async with _in_control(port) as page:
+        await page.send(json.dumps(first))
+        async for text in page:
+            message = json.loads(text)
+            over = message["kind"] == "commission" and message["now"] is None and message["ended"] is not None
+            if message["kind"] == "commission" and message["now"] is not None:
+                begun()
+            elif over or (message["kind"] == "reply" and message["id"] == "begin"):
+                again = {"do": "commission", "op": "start", "folder": folder, "stage": "paper", "id": "start"}
+                await page.send(json.dumps(again))
+
+
 async def _mute(port: int, begun: Begun) -> None:
     """Connections that say nothing, and pages that read nothing."""
     silent = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * CROWD)]
@@ -227,6 +244,7 @@ LOADS: dict[str, tuple[str, Load]] = {
     "planning": (f"{AT_ONCE} lawn-mowers of 0.5 m spacing", _planning),
     "flood": ("changes of a plan of 500 way-points, as fast as they are taken", _flood),
     "crowd": (f"{CROWD} pages", _viewers),
+    "commission": ("a stage of a commissioning that computes, again and again", _commissioning),
     "mute": (f"{CROWD} silent connections and {CROWD} pages that read nothing", _mute),
 }
 

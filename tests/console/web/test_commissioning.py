@@ -213,7 +213,7 @@ def test_one_of_the_two_has_the_vehicle(desk, hub):
     ran(story())
 
 
-def test_what_is_wrong_is_said_in_words(desk, hub):
+def test_what_is_wrong_is_reported_in_words(desk, hub):
     async def story():
         for op in (None, "steer", ["start"]):
             with pytest.raises(RovtwinError, match="expected begin"):
