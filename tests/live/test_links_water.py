@@ -29,7 +29,9 @@ def test_density_of_links_and_servers(overrides, monkeypatch):
     assert mavlink.density == expected and ros2.water.density == expected
 
     openers = []
-    monkeypatch.setattr(live, "_hosted", lambda opener, scenario, stop_at: openers.append(pickle.loads(pickle.dumps(opener))))
+    monkeypatch.setattr(
+        live, "_hosted", lambda opener, scenario, stop_at: openers.append(pickle.loads(pickle.dumps(opener)))
+    )
     made = {}
     monkeypatch.setattr("rovtwin.links.mavlink.link.MavlinkLink", lambda *_, **options: made.update(mavlink=options))
     monkeypatch.setattr("rovtwin.links.ros2.link.Ros2Link", lambda *_, **options: made.update(ros2=options))
