@@ -99,6 +99,11 @@ def on_this_machine(text: str) -> bool:
     return endpoint is None or endpoint.is_simulated(url)
 
 
+def is_computed(text: str) -> bool:
+    """Whether the vehicle at a URL is no other process's: computed or replayed in our own, on no line."""
+    return registry.parse(text, "link", "--link", also=tuple(HERE))[1] is None
+
+
 def may_be_watched(text: str) -> bool:
     """Whether a second line may watch the vehicle at a URL while one steers it."""
     _, endpoint = registry.parse(text, "link", "--link", also=tuple(HERE))

@@ -183,6 +183,7 @@ class _Run:
                     break
         if not ended.startswith("link lost"):
             self._send(self._off)
+            self._writer.write(COMMAND, k * self._dt, self._off)
         self._writer.annotate({"spans": to_json(spans)})
         return ended, tuple(spans), self._counts
 
@@ -199,7 +200,8 @@ class _Run:
                 self._send(command)
         except LinkError as error:
             return f"link lost: {error}"
-        self._writer.write(COMMAND, k * self._dt, self._off if command is None else command)
+        if command is not None:  # what is not sent is not logged
+            self._writer.write(COMMAND, k * self._dt, command)
         return ""
 
     def _send(self, command: np.ndarray) -> None:

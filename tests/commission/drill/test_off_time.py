@@ -59,7 +59,7 @@ def test_missing_readings_are_named(model):
     push = push_of(model, STOP)
     record = record_of(model, push.u, EVENT)
     cut = {name: signal.cut(0.0, EVENT) for name, signal in record.signals.items()}
-    with pytest.raises(IdentificationError, match="readings are missing"):
+    with pytest.raises(IdentificationError, match="s of readings, expected"):
         off_time(model, Record("drill", record.t_command, record.command, cut, END), YAW, push.u, BEGAN, EVENT, END)
 
 

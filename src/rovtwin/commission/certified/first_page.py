@@ -192,7 +192,12 @@ def thrusters_off(rows: Sequence[Mapping[str, Any]]) -> Table:
     title = "Thrusters off after [s]"
     if not rows:
         return Table(title, [], [], "Not measured.")
-    cells = [[text(one.get("event")), number(one.get("seconds"), 2), between(one.get("interval_95"))] for one in rows]
+    cells = [
+        [text(one.get("event")), number(one.get("seconds"), 2), between(one.get("interval_95"))]
+        if _is_number(one.get("seconds"))
+        else [text(one.get("event")), f"at most {number(one.get('at_most_s'), 2)}", ""]
+        for one in rows
+    ]
     return Table(title, ["Event", "Time", "95 % interval"], cells)
 
 

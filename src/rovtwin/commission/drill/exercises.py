@@ -1,5 +1,6 @@
 """The exercises: a push that turns or moves the vehicle, and in the middle of it what must switch thrusters off."""
 
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ import numpy as np
 
 from rovtwin.commission.dip.schedule import foreseen
 from rovtwin.commission.work import Work
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.remote_link import RemoteLink
@@ -73,8 +74,14 @@ class Push:
     u: np.ndarray
 
 
-def push_of(model: Model, exercise: Exercise) -> Push | None:
-    """The clearest push that the model foresees to be harmless even if nothing ends it; None where there is none."""
+def push_of(model: Model, exercise: Exercise, later: float = 0.0) -> Push | None:
+    """The clearest push that the model foresees to be harmless even if nothing ends it; None where there is none.
+
+    Args:
+        model: Of the vehicle.
+        exercise: How long it is watched.
+        later: By how much later it can be stopped [s].
+    """
     T = np.asarray(model.thrusters.configuration)
     for axis in TRIED:
         row = AXES.index(axis)
@@ -84,7 +91,7 @@ def push_of(model: Model, exercise: Exercise) -> Push | None:
             continue
         shares = np.sign(force) * np.sqrt(np.abs(force) / np.abs(force).max())
         for size in SIZES:
-            if foreseen(model, size * shares, PUSH + exercise.watched, AROUND):
+            if foreseen(model, size * shares, PUSH + exercise.watched + later, AROUND):
                 return Push(axis, size * shares)
     return None
 
@@ -116,22 +123,37 @@ class Seen(Link):
         self._steered.close()
 
 
-def flown(work: Work, scenario: Scenario, exercise: Exercise, push: Push, model: Model) -> Pulsed:
-    """One exercise, logged; thrusters are off at its end, however it went.
+def flown(
+    work: Work, scenario: Scenario, exercise: Exercise, push: Push, model: Model, cut_at: list[float] | None = None
+) -> Pulsed:
+    """One exercise, logged, after a yes of its own; thrusters are off at its end, but for a line that was cut.
 
     A line that is cut and that nobody watches beside it ends in "link lost".
 
+    Args:
+        work: Of the stage.
+        scenario: Of the test water.
+        exercise: What ends the push.
+        push: That is ended.
+        model: Of the vehicle.
+        cut_at: Gets the time at which a line was cut [s, monotonic].
+
     Raises:
-        ConfigError: The line cannot be cut, or nobody could see what becomes of the vehicle.
+        ConfigError: The link cannot be cut.
         LinkError: The vehicle is not there, or is silent.
     """
+    question = (
+        f"Drill, {exercise.words}: it is pushed in {push.axis} at {np.abs(push.u).max():.0%} for {PUSH:g} s, then its "
+        "thrusters must rest by themselves. Is it in the middle of the tank below the surface, tether slack, and are "
+        "all hands away?"
+    )
     with ExitStack() as stack:
         there = stack.enter_context(work.connected(scenario))
         link, event = there.link, _nothing
         if exercise is STOP:
             event = link.stop
         elif exercise is CUT:
-            event = _cutting(there.link)
+            event = _cutting(there.link, [] if cut_at is None else cut_at)
             if may_be_watched(work.request.link):
                 watching = stack.enter_context(work.connected(scenario, observe=True, beside=there))
                 link = Seen(there.link, watching.link)
@@ -142,8 +164,19 @@ def flown(work: Work, scenario: Scenario, exercise: Exercise, push: Push, model:
         ]
         return fly_pulses(
             scenario, link, there.sources, there.clock, work.folder / exercise.name, pulses, _guard(work, model),
-            lambda: True, lambda t, what: work.person.progress(what),
+            lambda: work.may_move(question), lambda t, what: work.person.progress(what),
         )  # fmt: skip
+
+
+def halted(work: Work, scenario: Scenario) -> str:
+    """Stop the vehicle over a new line, whatever it does; why that failed, "" if it did not."""
+    try:
+        with work.connected(scenario) as there:
+            there.link.arm()
+            there.link.stop()
+    except RovtwinError as error:
+        return str(error)
+    return ""
 
 
 def _nothing() -> None: ...
@@ -154,8 +187,13 @@ def _guard(work: Work, model: Model) -> Guard:
     return Guard(deepest=work.request.room.depth - lowest + 0.1)
 
 
-def _cutting(link: Link) -> Callable[[], None]:
-    """What cuts a line."""
+def _cutting(link: Link, cut_at: list[float]) -> Callable[[], None]:
+    """What cuts a line, and notes when."""
     if not isinstance(link, RemoteLink):
-        raise ConfigError("a computed vehicle hangs on no line")
-    return link.cut
+        raise ConfigError("this link is held by no process of its own, which could be ended")
+
+    def cut() -> None:
+        cut_at.append(time.monotonic())
+        link.cut()
+
+    return cut

@@ -16,7 +16,7 @@ import numpy as np
 
 from rovtwin.commission.dip.response import accelerations, speeds
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.logs.motion import STEP, WIDTH, Motion
+from rovtwin.identification.logs.motion import STEP, Motion
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.logs.response import thruster_forces
 from rovtwin.vehicle.physics.model import Model
@@ -54,31 +54,31 @@ def off_time(
         began: When the push began [s].
         event: When it was ended, as far as is known here [s].
         end: Up to when readings count [s].
-        lag: By how much the vehicle answers late at all, as the dip has found [s].
+        lag: By how much the vehicle answers a command late, as the dip has found [s]: the push begins so much later,
+            and what is late of its end counts.
 
     Raises:
         IdentificationError: No sensor tells that axis, or readings are missing.
     """
-    motion = Motion.of(record)
+    motion = Motion.of(record).alike("gyro", "accelerometer", "attitude")
     found = accelerations(motion)
     y, s = found[:, axis], speeds(motion, found)[:, axis]
     good = np.isfinite(y) & np.isfinite(s) & (motion.t > began - 1.5) & (motion.t < end)
     if good.sum() * STEP < 0.8 * (end - began):
         raise IdentificationError(
-            f"{record.source}: readings are missing on {good.mean():.0%} of the time, expected all"
+            f"{record.source}: found {good.sum() * STEP:.1f} s of readings, expected {end - began + 1.5:.1f} s"
         )
     others = np.stack([np.ones(len(s)), s, s * np.abs(s)], axis=1)[good]
     Q = np.linalg.qr(others)[0]
-    ends = np.arange(0.0, end - event + 4.0 * WIDTH, STEP)  # the last of these: never
-    left = np.array([_left(y[good], Q, _push(model, motion, u, began + lag, event + T + lag)[good]) for T in ends])
-    independent = good.sum() * STEP / (2.0 * np.sqrt(np.pi) * WIDTH)
+    ends = np.arange(0.0, end - event + 4.0 * motion.width, STEP)  # the last of these: never
+    left = np.array([_left(y[good], Q, _push(model, motion, u, began + lag, event + T)[good]) for T in ends])
+    independent = good.sum() * STEP / (2.0 * np.sqrt(np.pi) * motion.width)
     nothing = _left(y[good], Q, np.zeros(int(good.sum())))
     if independent * np.log(nothing / left.min()) < FELT:
         return None
     likely = ends[independent * np.log(left / left.min()) < CHI_SQUARE]
-    return OffTime(
-        float(ends[np.argmin(left)]), float(likely[0]), float(likely[-1]), bool(likely[-1] > end - event - 2.0 * WIDTH)
-    )
+    lasted = bool(likely[-1] > end - event - 2.0 * motion.width)
+    return OffTime(float(ends[np.argmin(left)]), float(likely[0]), float(likely[-1]), lasted)
 
 
 def _push(model: Model, motion: Motion, u: np.ndarray, on: float, off: float) -> np.ndarray:

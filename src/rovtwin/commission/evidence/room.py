@@ -37,10 +37,10 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     home = max([2.0 * one["home"] for one in manoeuvres] + [LEAST_HOME])
     first = {"manoeuvre": "rest", "duration": 0.5, "home": home}
     test = {"name": "excite", "home_at_start": True, "manoeuvres": [first, *manoeuvres]}
-    half, deepest = fence(plan.model, plan.flown, work.request.room)
+    half, deepest, touches = fence(plan.model, plan.flown, work.request.room)
     sensor = sensors_of(plan.scenario, vehicle_of(plan.scenario))["position"]
     errs, interval = float(np.max(np.asarray(sensor.noise))), 1000.0 / float(sensor.rate)
-    if np.any(half + ERRS * errs > 0.5 * np.array(work.request.room.sizes[:2])):
+    if np.any(half + ERRS * errs > touches):
         raise ConfigError(
             f"positions err by {errs:.2g} m (one standard deviation): in a tank of {work.request.room} no fence can "
             "end a part before a wall. Use motion capture (--sensor qtm://HOST/BODY), or a larger --tank"
@@ -64,8 +64,9 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})
 
 
-def fence(model: Model, flown: Any, tank: Tank) -> tuple[np.ndarray, float]:
-    """How far CO may be from the tank's middle to north and east [m], shape (2,), and how deep [m].
+def fence(model: Model, flown: Any, tank: Tank) -> tuple[np.ndarray, float, np.ndarray]:
+    """How far CO may be from the tank's middle to north and east [m], shape (2,), how deep [m], and where the hull
+    touches the walls [m], shape (2,).
 
     Args:
         model: With its hull.
@@ -78,7 +79,7 @@ def fence(model: Model, flown: Any, tank: Tank) -> tuple[np.ndarray, float]:
     touches = 0.5 * np.array(tank.sizes[:2]) - np.abs(reach[..., :2]).max(axis=(0, 1))
     deepest = float(flown.position[:, 2].max())
     grounds = tank.depth - float(reach[..., 2].max())
-    return away + HALF * np.maximum(touches - away, 0.0), deepest + HALF * max(grounds - deepest, 0.0)
+    return away + HALF * np.maximum(touches - away, 0.0), deepest + HALF * max(grounds - deepest, 0.0), touches
 
 
 def outside(scenario: Scenario, position: Any) -> str:
