@@ -23,6 +23,7 @@ from rovtwin.core.flow import (
     Host,
     Slot,
 )
+from rovtwin.core.frames import quaternion_multiply
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.interfaces import (
     MODE_ABORTED,
@@ -177,6 +178,29 @@ def test_while_idle_no_position_is_missed():
 
 def test_near_the_floor_on_its_way_home_it_goes_up():
     assert go_on(begun(MODE_RETURNING, flow.BATTERY_LOW), TRIGGERS["altitude limit"][0], 2.0)[1] == MODE_SURFACING
+
+
+def pitched(pitch_deg, roll_deg=0.0):
+    """Turned about the pitch axis, then about the roll axis."""
+    pitch, roll = np.radians([pitch_deg, roll_deg])
+    about_y = jnp.array([np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0])
+    about_x = jnp.array([np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0])
+    return watched(estimate=dataclasses.replace(at(), attitude=quaternion_multiply(about_y, about_x)))
+
+
+def test_the_attitude_limit_is_of_the_tilt_also_beyond_a_pitch_of_ninety_degrees():
+    """A roll of Euler angles is 45 degrees at a pitch of 89 and 1 degree of noise, and turns over beyond 90."""
+    rule = RULES["attitude limit"]._replace(limit=np.radians(100.0))
+    supervisor = Supervisor(Rules.of({"attitude limit": rule}))
+    for pitch, roll in ((85.0, 1.0), (89.0, 1.0), (90.0, 0.0), (95.0, 3.0), (-99.0, 0.0), (0.0, 99.0)):
+        assert go_on(begun(), pitched(pitch, roll), DT, supervisor)[1] == MODE_RUNNING, pitch
+    for pitch, roll in ((101.0, 0.0), (-101.0, 2.0), (179.0, 0.0), (0.0, -101.0), (0.0, 180.0)):
+        assert go_on(begun(), pitched(pitch, roll), DT, supervisor)[1] == MODE_ABORTED, pitch
+
+
+def test_roll_and_pitch_together_tilt_by_more_than_either():
+    assert go_on(begun(), pitched(40.0, 40.0))[1] == MODE_ABORTED  # 54 degrees of 46
+    assert go_on(begun(), pitched(30.0, 30.0))[1] == MODE_RUNNING  # 41
 
 
 def test_a_negative_variance_is_no_knowledge():

@@ -1,5 +1,6 @@
 """Planned tests: candidates, tanks, the plan against the thesis's steady steps, and the command."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
+from rovtwin.core.arrays.rotations import quaternion_from_euler
 from rovtwin.core.errors import ConfigError
 from rovtwin.identification.experiment.information import Information
 from rovtwin.identification.joint.model.gaussian import Gaussian
@@ -142,6 +144,12 @@ def rehearsed(speed, position=(0.0, 0.0, 0.75), aborted_at=None, ticks=100):
     level = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
     t = 0.02 * np.arange(ticks)
     return Rehearsed(None, t, np.tile(position, (ticks, 1)), level, nu, np.zeros((ticks, 4)), [], aborted_at)
+
+
+def test_the_tilt_of_a_rehearsal_is_that_of_the_attitude_limit():
+    attitude = quaternion_from_euler(np.radians([[0.0, 0.0, 50.0], [45.0, -45.0, 50.0], [180.0, 80.0, 50.0]]))
+    tilt = dataclasses.replace(rehearsed(0.0), attitude=attitude).tilt
+    np.testing.assert_allclose(np.degrees(tilt), [0.0, 60.0, 100.0], atol=1e-9)
 
 
 @pytest.mark.parametrize(("reached", "refused"), [(1e-16, True), (0.3, False), (0.6, None)])

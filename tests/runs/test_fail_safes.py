@@ -170,12 +170,19 @@ BAD = {
     "autopilot.supervisor.leek=hold": "leek",
     "autopilot.supervisor.battery_low=1.5": "battery_low",
     "autopilot.supervisor.depth_limit=-3": "depth_limit",
-    "autopilot.supervisor.attitude_limit_deg=120": "attitude_limit_deg",
+    "autopilot.supervisor.attitude_limit_deg=160": "attitude_limit_deg",
     "autopilot.supervisor.geofence.polygon=[[0,0],[1,1]]": "polygon",
     "autopilot.supervisor.leak.limit=1": "leak",
     "operator=[{at: 3, ask: dance}]": "ask",
     "faults=[{fault: link_lost, sensor: position}]": "link_lost",
 }
+
+
+def test_beyond_ninety_degrees_the_thesis_takes_no_attitude_limit():
+    limit = "autopilot.supervisor.attitude_limit_deg=120"
+    assert load_scenario("lawnmower_calm", [limit]).autopilot.supervisor.attitude_limit_deg.limit == 120.0
+    with pytest.raises(ConfigError, match="found 120, expected at most 85.*autopilot=model_based"):
+        load_scenario("lawnmower_calm", ["autopilot=thesis", limit])
 
 
 @pytest.mark.parametrize("change", list(BAD))

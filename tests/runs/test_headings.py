@@ -1,6 +1,7 @@
 """Headings that were asked for and not met, on made-up runs of which every sample is known."""
 
 import numpy as np
+import pytest
 from tests.runs.test_stalls import NO_SWAY, SECONDS, flown
 
 from rovtwin.console.engine.reporting.state import Changes
@@ -47,6 +48,15 @@ def test_a_heading_given_up_is_a_decision_with_its_error_and_the_summary_says_so
 def test_a_heading_that_was_met_or_not_yet_reached_is_none():
     assert unmet_headings(run(95.0), SCENARIO) == []
     assert unmet_headings(run(-83.0, phase=HOLD), SCENARIO) == []
+
+
+def test_a_heading_is_judged_as_control_holds_it():
+    """East, and pitched by 100 degrees: as Euler angles a pitch of 80, turned over, heading west."""
+    whole = run(0.0)
+    whole.eta[1000:, 3:] = np.radians([180.0, 80.0, -90.0])
+    assert unmet_headings(whole, SCENARIO) == []
+    (one,) = unmet_headings(run(0.0), SCENARIO)
+    assert one.off == pytest.approx(90.0)
 
 
 def test_one_that_nobody_gave_up_counts_too():

@@ -43,6 +43,16 @@ def test_largest_roll_and_pitch_of_the_run_either_way():
     assert (result["roll_max_deg"], result["pitch_max_deg"]) == pytest.approx((12.0, 35.0))
 
 
+def test_heading_is_judged_as_control_holds_it():
+    """At a pitch of 89.9 degrees roll and psi of 20 are one turn there and back: the attitude is 0.03 degrees off."""
+    eta, reference = np.zeros((2, 1001, 6))
+    reference[:, 4] = np.radians(89.9)
+    eta[:, 3:] = np.radians([20.0, 89.9, 20.0])
+    assert score(flown(eta=eta, reference=reference))["heading_rms_deg"] < 0.05
+    eta[:, 3:] = np.radians([0.0, 0.0, 20.0])
+    assert score(flown(eta=eta, reference=eta * 0.5))["heading_rms_deg"] == pytest.approx(10.0)
+
+
 def test_swing_is_about_the_mean():
     """A trim of 5 degrees is none; a pitch of 4 degrees amplitude and a roll of 3 make 3.5 degrees rms."""
     eta, t = np.zeros((1001, 6)), np.arange(1001) * 0.1

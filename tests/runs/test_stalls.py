@@ -84,6 +84,14 @@ def test_what_tipped_it_names_angle_speed_through_the_water_and_what_it_stays_le
     assert "roll was 61 deg" in rolled and "which does not tip it: check its thrusters one by one" in rolled
 
 
+def test_what_tipped_it_names_the_tilt_of_roll_and_pitch_together_and_the_pitch_beyond_ninety(model):
+    run = tips(3, 45.0, 0.1)
+    run.eta[1000:, 4] = np.radians(-45.0)
+    assert "at 100.0 s pitch was -49 deg, tilt 60 deg, and" in tipped(run, model)
+    run.eta[1000:, 3:] = np.radians([180.0, 80.0, -90.0])
+    assert "at 100.0 s pitch was 100 deg, and" in tipped(run, model)
+
+
 def test_what_tipped_it_sideways_is_its_speed_in_sway():
     model = load_vehicle("bluerov2_heavy").model()  # heave has more added mass than sway
     level, run = stability(model).roll_static, tips(3, 61.0, 0.1)

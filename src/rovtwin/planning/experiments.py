@@ -45,7 +45,7 @@ from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.physics.actuation import wrench_limits
 
 BOLLARD = 0.02  # full thrust is known to, before the test
-# Roll or pitch beyond which another true vehicle may leave the attitude limit [rad]; what hands do is no fault.
+# Tilt beyond which another true vehicle may leave the attitude limit [rad]; what hands do is no fault.
 TIPPING = max(0.75 * RULES["attitude limit"].limit, 1.01 * np.arcsin(TIPPED))
 NOBODY = "releases left out: nobody tilts the vehicle; its damping in roll and pitch is tested by their couplings only"
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
@@ -171,7 +171,7 @@ def plan_tests(
         order, scenario, whole = lay_out(np.inf)
         most, least = np.degrees([whole.tilt.max(), TIPPING])
         tilted = [
-            f"it rolls or pitches by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is "
+            f"it tilts by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is "
             "not quite as described may leave the limit"
         ]
     pulls = [(data.get("axis"), one) for data, one in zip(pool, flown, strict=False)]

@@ -8,9 +8,9 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.arrays.rotations import tilt_of
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORTED
-from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.experiment import Experiment
 from rovtwin.identification.logs.record import Record
@@ -22,7 +22,6 @@ from rovtwin.runs.run import ticks_in
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.events.attitude_restraint import AttitudeRestraint
 
-_euler = jax.jit(jax.vmap(euler_from_quaternion))
 CHUNK = 10.0  # simulated time between looks from outside [s]
 
 
@@ -55,8 +54,8 @@ class Rehearsed:
 
     @property
     def tilt(self) -> np.ndarray:
-        """The larger of roll and pitch, either way [rad], shape (n,)."""
-        return np.abs(np.asarray(_euler(self.attitude))[:, :2]).max(axis=1)
+        """From upright, as the attitude limit has it [rad], shape (n,)."""
+        return np.linalg.norm(tilt_of(self.attitude), axis=1)
 
 
 def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:

@@ -37,6 +37,13 @@ def test_a_heading_turns_ahead_and_starboard_clockwise_seen_from_above():
     np.testing.assert_allclose(rotations.turn_about_z(0.3), frames.yaw_rotation(0.3), **EXACT)
 
 
+def test_heading_and_tilt_are_those_of_frames():
+    q = rotations.quaternion_from_euler([*MANY, [0.0, 0.0, 1.0], [0.0, np.radians(89.9), 0.5]])
+    np.testing.assert_allclose(rotations.heading_of(q), frames.heading_of(q), **EXACT)
+    np.testing.assert_allclose(rotations.tilt_of(q), [frames.tilt_of(one) for one in q], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(rotations.tilt_of([math.cos(0.9), 0.0, math.sin(0.9), 0.0]), [0.0, 1.8], **EXACT)
+
+
 def test_skew_and_wrapped_are_those_of_frames():
     np.testing.assert_array_equal(rotations.skew(MANY[0]), frames.skew(MANY[0]))
     angles = np.array([-9.0, -np.pi, 0.0, 3.0, np.pi, 100.0])

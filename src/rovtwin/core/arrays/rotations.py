@@ -44,6 +44,20 @@ def euler_from_quaternion(q: Any) -> Float[np.ndarray, "*axes 3"]:
     return np.stack([phi, theta, np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))], axis=-1)
 
 
+def heading_of(q: Any) -> Float[np.ndarray, "*axes"]:
+    """Heading of unit quaternions [rad]: that of the nearest turn about the vertical, not psi."""
+    w, _, _, z = np.moveaxis(np.asarray(q), -1, 0)
+    return np.arctan2(2.0 * w * z, w * w - z * z)
+
+
+def tilt_of(q: Any) -> Float[np.ndarray, "*axes 2"]:
+    """The rest of unit quaternions: the rotation about x and y of b that tilts [rad]; its length is the tilt."""
+    w, x, y, z = np.moveaxis(np.asarray(q), -1, 0)
+    level, sine = np.hypot(w, z), np.hypot(x, y)  # cos and sin of half the tilt
+    share = 2.0 * np.arctan2(sine, level) / np.maximum(level * sine, np.finfo(float).tiny)
+    return share[..., None] * np.stack([w * x + z * y, w * y - z * x], axis=-1)
+
+
 def pose(position: Any, attitude: Any) -> Float[np.ndarray, "*axes 6"]:
     """eta of places in n and unit quaternions: for files and screens."""
     return np.concatenate([position, euler_from_quaternion(attitude)], axis=-1)

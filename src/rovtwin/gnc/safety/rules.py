@@ -35,7 +35,7 @@ RULES: dict[str, Rule] = {
     "not a number": Rule(np.nan, 0.0, "stop"),
     "operator": Rule(np.nan, 0.0, "stop"),
     "depth limit": Rule(100.0, 0.0, "stop"),  # [m]
-    "attitude limit": Rule(np.radians(60.0), 0.0, "stop"),  # roll or pitch [rad]
+    "attitude limit": Rule(np.radians(60.0), 0.0, "stop"),  # tilt, of z of b from the vertical [rad]
     "estimate lost": Rule(10.0, 0.0, "stop"),  # standard deviation of any axis of the position [m]
     "leak": Rule(np.nan, 0.2, "surface"),
     "battery critical": Rule(0.10, 5.0, "surface"),  # charge of the emptiest battery, share
@@ -227,6 +227,7 @@ class Watch(eqx.Module):
         spread = jnp.sqrt(jnp.max(jnp.diagonal(estimate.covariance)[:3]))
         place = estimate.position[:2]
         off = place - self.home
+        half_sine = estimate.attitude[1:3]  # x and y of the quaternion: their length is the sine of half the tilt
         short = jnp.any(jnp.abs(input.shortfall) > rules.allowance)
         short = short | jnp.any(input.saturated & jnp.isfinite(rules.allowance))
         outside = jnp.sqrt(off @ off) > rules.limit[flow.GEOFENCE]
@@ -237,8 +238,8 @@ class Watch(eqx.Module):
             flow.NOT_A_NUMBER: ~is_finite(estimate) if input.failed is None else ~is_finite(estimate) | input.failed,
             flow.OPERATOR: input.request == flow.ABORT,
             flow.DEPTH_LIMIT: estimate.position[2] > rules.limit[flow.DEPTH_LIMIT],
-            # Roll and pitch, for that is what the limit in a file is of.
-            flow.ATTITUDE_LIMIT: jnp.max(jnp.abs(estimate.eta[3:5])) > rules.limit[flow.ATTITUDE_LIMIT],
+            # The tilt and not roll or pitch, of which noise makes anything near a pitch of 90 degrees.
+            flow.ATTITUDE_LIMIT: half_sine @ half_sine > jnp.sin(0.5 * rules.limit[flow.ATTITUDE_LIMIT]) ** 2,
             # A variance that is negative has no root, and is no knowledge either.
             flow.ESTIMATE_LOST: ~(spread <= rules.limit[flow.ESTIMATE_LOST]),
             flow.LEAK: jnp.any(self.leak),

@@ -9,7 +9,8 @@ This is (2.36) of the thesis. Its state-space form (2.38) drops C(nu) nu and rep
 turned with the yaw alone; here both are whole. b_1 is a force in n, b_2 a moment in b: what a current, a tether or a
 wrong weight does stays put when the vehicle turns, and a moment from a shifted payload turns with it.
 
-Euler angles, as in the thesis: singular at theta = +-90 deg, which the supervisor's attitude limit keeps away from.
+Euler angles, as in the thesis: singular at theta = +-90 deg. The supervisor's attitude limit, which is at most 85 here,
+keeps away from it.
 
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2, 6 and 8.
 """

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rovtwin.core.arrays.rotations import quaternion_from_euler, tilt_of
 from rovtwin.core.flow import REASONS
 from rovtwin.gnc.safety.off_course import limits_of
 from rovtwin.runs.limits import Limits, compass_point
@@ -126,15 +127,15 @@ def _short_of(asked: float, gave: float, limit: float) -> str:
 def tipped(flown: Flown, model: Model) -> str:
     """Why the attitude limit ended a run: angle, the fastest it went just before, and up to which it stays level."""
     at = _ended(flown, "attitude limit")
-    roll, pitch = np.degrees(flown.eta[at, 3:5])
-    pitched = abs(pitch) >= abs(roll)
+    roll, pitch = np.degrees(tilt_of(quaternion_from_euler(flown.eta[at, 3:])))
+    pitched, tilt = abs(pitch) >= abs(roll), math.hypot(roll, pitch)
+    angle = pitch if pitched else roll
     through = _through(flown, _before(flown, "attitude limit", TIPPING))
     speeds = np.linalg.norm(through, axis=1)
     fastest = int(np.argmax(speeds))
     speed = float(speeds[fastest])
-    clauses = (
-        f"at {flown.t[at]:.1f} s {'pitch' if pitched else 'roll'} was {pitch if pitched else roll:.0f} deg, and its"
-    )
+    both = f", tilt {tilt:.0f} deg" if tilt > abs(angle) + 1.0 else ""
+    clauses = f"at {flown.t[at]:.1f} s {'pitch' if pitched else 'roll'} was {angle:.0f} deg{both}, and its"
     clauses += f" speed {'over ground' if flown.water is None else 'through the water'} had come to {speed:.2g} m/s"
     if pitched and Limits.of(model).can(PITCH):
         return clauses

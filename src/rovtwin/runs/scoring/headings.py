@@ -7,7 +7,7 @@ import numpy as np
 
 from rovtwin.core.flow import FINISHED, HEADING_GIVEN_UP
 from rovtwin.runs.limits import Limits
-from rovtwin.runs.scoring.scores import Flown
+from rovtwin.runs.scoring.scores import Flown, headings
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model
 
@@ -53,7 +53,7 @@ def unmet_headings(flown: Flown, scenario: Scenario) -> list[Unmet]:
         last = int(rows[-1])
         if last == len(at) - 1 and int(flown.mode[last, 0]) != FINISHED:
             continue  # it was still on its way
-        off = abs((math.degrees(flown.eta[last, 5]) - point.heading_deg + 180.0) % 360.0 - 180.0)
+        off = abs((math.degrees(headings(flown.eta[last:])[0]) - point.heading_deg + 180.0) % 360.0 - 180.0)
         if off > MET:
             up = np.zeros(0, int) if flown.progress is None else rows[flown.progress[rows] == HEADING_GIVEN_UP]
             t = float(flown.t[up[0] if up.size else last])

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.runs.limits import compass_point
-from rovtwin.runs.scoring.scores import Flown
+from rovtwin.runs.scoring.scores import Flown, headings
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.analysis.stability import steady_speed
 
@@ -77,7 +77,7 @@ def _level(flown: Flown, rows: np.ndarray) -> np.ndarray:
     """Level force of waves, their drift and tethers, n [N], shape (rows, 2); zero where nobody knows it."""
     if flown.outside is None:
         return np.zeros((1, 2))
-    return np.einsum("nij,nj->ni", heading_rotation(flown.eta[rows, 5]), flown.outside[rows, :2])
+    return np.einsum("nij,nj->ni", heading_rotation(headings(flown.eta[rows])), flown.outside[rows, :2])
 
 
 def _others(force: np.ndarray, flown: Flown, rows: np.ndarray) -> str:
@@ -123,6 +123,6 @@ def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:
 
 def _turned(flown: Flown, rows: np.ndarray) -> np.ndarray:
     """From n to b by the mean heading, shape (2, 2)."""
-    psi = flown.eta_hat[rows, 5]
+    psi = headings(flown.eta_hat[rows])
     c, s = float(np.mean(np.cos(psi))), float(np.mean(np.sin(psi)))
     return np.array([[c, s], [-s, c]]) / max(math.hypot(c, s), 1e-9)

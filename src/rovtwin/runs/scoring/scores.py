@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import gammaincinv
 
-from rovtwin.core.arrays.rotations import wrapped
+from rovtwin.core.arrays.rotations import heading_of, quaternion_from_euler, wrapped
 from rovtwin.core.flow import FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
@@ -85,6 +85,11 @@ class Flown:
             return self
         parts = {name: getattr(self, name) for name in SAMPLED}
         return replace(self, **{name: part[first:last] for name, part in parts.items() if part is not None})
+
+
+def headings(eta: np.ndarray) -> np.ndarray:
+    """What control holds of poses (n, 6), `rotations.heading_of` and not psi [rad], shape (n,)."""
+    return heading_of(quaternion_from_euler(eta[:, 3:]))
 
 
 def finished(flown: Flown) -> bool:
@@ -212,8 +217,7 @@ def _exertion(flown: Flown) -> dict[str, Any]:
 def _heading(flown: Flown, settled: np.ndarray) -> float | None:
     if flown.reference is None:
         return None
-    error = flown.eta[settled, 5] - flown.reference[settled, 5]
-    return _rms(np.degrees(wrapped(error)))
+    return _rms(np.degrees(wrapped(headings(flown.eta[settled]) - headings(flown.reference[settled]))))
 
 
 def _pair(name: str, distance: np.ndarray) -> dict[str, float | None]:

@@ -14,6 +14,7 @@ logger = logging.getLogger(__name__)
 
 PLACES = ("observer", "guidance", "reference", "controller", "allocation")
 """Keys at which a block of one's own may stand."""
+MOST_PITCH = 85.0  # that the thesis's Euler angles bear [deg]
 
 
 class ObserverSection(Strict):
@@ -66,6 +67,16 @@ class ThesisSection(Strict):
         if own:
             raise ValueError(f"{own[0]}: blocks of your own go into the model-based autopilot; write type: model_based")
         return data
+
+    @model_validator(mode="after")
+    def _stays_short_of_ninety(self) -> "ThesisSection":
+        limit = self.supervisor.attitude_limit_deg.limit
+        if limit is not None and limit > MOST_PITCH:
+            raise ValueError(
+                f"supervisor.attitude_limit_deg: found {limit:g}, expected at most {MOST_PITCH:g}: the Euler angles of "
+                "the thesis's filter fail at 90; use autopilot=model_based"
+            )
+        return self
 
 
 class NavigationSection(Strict):

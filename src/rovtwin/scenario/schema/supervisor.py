@@ -27,9 +27,9 @@ class ShareRuleSection(RuleSection):
 
 
 class AngleRuleSection(RuleSection):
-    """A rule whose limit is an angle below 85 degrees."""
+    """A rule whose limit is a tilt, short of upside down, where a heading has no meaning."""
 
-    limit: Annotated[Number, Field(gt=0, le=85)] | None = Field(default=None, description="[deg]")
+    limit: Annotated[Number, Field(gt=0, le=150)] | None = Field(default=None, description="[deg]")
 
 
 class SwitchRuleSection(RuleSection):
@@ -67,7 +67,9 @@ class SupervisorSection(Strict):
     """Rules by name. A graver action takes over from a lesser one; only the operator arms again."""
 
     depth_limit: _Rule = Field(default=RuleSection(), description="greatest depth [m]")
-    attitude_limit_deg: _Angle = Field(default=AngleRuleSection(), description="roll or pitch; Euler angles fail at 90")
+    attitude_limit_deg: _Angle = Field(
+        default=AngleRuleSection(), description="tilt from upright; with the thesis up to 85"
+    )
     position_std_limit: _Rule = Field(default=RuleSection(), description="estimate counts as lost beyond it [m]")
     leak: _Switch = Field(default=SwitchRuleSection(), description="water comes in")
     battery_critical: _Charge = Field(default=ShareRuleSection(), description="charge of the emptiest battery")

@@ -12,7 +12,7 @@ REMEDIES = {
     "not a number": ("the estimate or a block of your own broke down", "disarm, see the log, start anew"),
     "operator": ("you aborted", "Hold switches the thrusters on again where the vehicle is"),
     "depth limit": ("deeper than the supervisor allows", "Hold, then come up; or raise the depth limit"),
-    "attitude limit": ("roll or pitch beyond the limit", "check ballast and tether; Hold when it is level"),
+    "attitude limit": ("tilted beyond the limit", "check ballast and tether; Hold when it is level"),
     "estimate lost": ("the position became too uncertain", "bring back positions, then Hold"),
     "leak": ("water comes in", "recover the vehicle now"),
     "battery critical": ("the battery is nearly empty", "recover the vehicle"),
