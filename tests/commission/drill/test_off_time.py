@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.commission.drill.exercises import CUT, SILENT, STOP, push_of
+from rovtwin.commission.drill.exercises import AROUND, CUT, PUSH, SILENT, STOP, push_of
 from rovtwin.commission.drill.off_time import off_time
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.record import Record, Signal
@@ -65,6 +65,10 @@ def test_missing_readings_are_named(model):
 
 @pytest.mark.parametrize("name", ["double_blueye", "bluerov2_heavy", "gladius_mini", "blueye_pioneer", "sparus_ii"])
 def test_every_vehicle_has_a_push_for_every_exercise(name):
-    found = [push_of(load_vehicle(name).model(), exercise) for exercise in (STOP, SILENT, CUT)]
+    model = load_vehicle(name).model()
+    found = [push_of(model, exercise) for exercise in (STOP, SILENT, CUT)]
+    t = np.array([0.0, PUSH + CUT.watched])
+    turned = commanded_motion(model, t, np.stack([found[-1].u] * 2))["gyro"]
+    assert np.trapezoid(np.abs(turned.value[:, 2]), turned.t) < 1.05 * AROUND, "one turn, if nothing ends it"
     assert all(push is not None and 0.0 < np.abs(push.u).max() <= 0.8 for push in found)
     assert {push.axis for push in found} <= ({"heave"} if name == "blueye_pioneer" else {"yaw"})

@@ -28,7 +28,7 @@ def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
     states = rollout(model, zero, Command(commands), Environment.calm(), _STEP)
     R = jax.vmap(rotation_from_quaternion)(states.attitude)
     way = jnp.linalg.norm(states.position, axis=1).max()
-    turn = jnp.abs(jnp.arctan2(R[:, 1, 0], R[:, 0, 0])).max()
+    turn = jnp.abs(jnp.cumsum(states.nu[:, 5]) * _STEP).max()  # of several turns all count
     tilt = jnp.arccos(jnp.clip(R[:, 2, 2], -1.0, 1.0)).max()
     return jnp.stack([way, turn, tilt]), jnp.abs(static_force(model.thrusters, commands[0]))
 
