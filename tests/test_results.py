@@ -272,17 +272,65 @@ def test_a_log_of_no_flight_is_named(tmp_path):
         rovtwin.Flight.load(log.save(tmp_path / "depth.mcap"))
 
 
-def test_a_file_names_no_code_but_ours(tmp_path):
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ({"class": "os:system", "fields": {}}, "os:system is no class of rovtwin"),
+        ({"named": "rovtwin.cli.__main__:main", "items": []}, "rovtwin.cli.__main__:main is no class"),
+        ({"class": "rovtwin.console.worker:Worker", "fields": {}}, "is no class of rovtwin that a result holds"),
+        ({"class": "rovtwin.simulation.__main__:Trajectory", "fields": {}}, "is no class of rovtwin that"),
+        ({"class": "rovtwin.simulation.roll_out:Stored", "fields": {}}, "rovtwin.simulation.roll_out:Stored is no"),
+        ({"class": "rovtwin.core.stored:Path", "fields": {}}, "rovtwin.core.stored:Path is no object"),
+        ({"tuple": [1]}, "it holds tuple"),
+        ({"class": 3}, "AttributeError"),
+    ],
+)
+def test_a_file_names_no_code_but_that_of_results(tmp_path, words, why):
+    import json
+
     import netCDF4
 
     path = simulated().save(tmp_path / "path.nc")
     with netCDF4.Dataset(path, "a") as file:
-        words = str(file["words"][...])
-        file["words"][...] = np.array(
-            words.replace("rovtwin.simulation.roll_out:Trajectory", "os:system"), dtype=object
-        )
-    with pytest.raises(rovtwin.LogError, match="os:system is no class of rovtwin"):
+        file["words"][...] = np.array(json.dumps(words), dtype=object)
+    with pytest.raises(rovtwin.LogError, match=why):
         rovtwin.Trajectory.load(path)
+
+
+@pytest.mark.parametrize(
+    ("about", "why"),
+    [
+        (b"{", "JSONDecodeError"),
+        (b"[]", "TypeError"),
+        (b"{}", "KeyError"),
+        (b'{"campaign": []}', "found a list of 0 values, expected a mapping"),
+        ({"folder": None}, "TypeError"),
+        ({"flown": "many"}, "ValueError"),
+        ({"flown": float("inf")}, "OverflowError"),
+        ({"wall_s": []}, "TypeError"),
+    ],
+)
+def test_a_saved_campaign_with_forged_words_is_refused(tmp_path, about, why):
+    import json
+
+    import pyarrow.parquet as pq
+
+    path = campaigned().save(tmp_path / "many.parquet")
+    table = pq.read_table(path)
+    if isinstance(about, dict):
+        about = json.dumps(json.loads(table.schema.metadata[b"rovtwin_campaign"]) | about).encode()
+    pq.write_table(table.replace_schema_metadata({b"rovtwin_campaign": about}), path)
+    with pytest.raises(rovtwin.RovtwinError, match=f"many.parquet: .*{why}"):
+        rovtwin.CampaignSession.load(path)
+
+
+def test_a_saved_campaign_without_its_columns_is_refused(tmp_path):
+    import pyarrow.parquet as pq
+
+    path = campaigned().save(tmp_path / "many.parquet")
+    pq.write_table(pq.read_table(path).drop_columns("completed"), path)
+    with pytest.raises(rovtwin.LogError, match="many.parquet: found a damaged file.*completed"):
+        rovtwin.CampaignSession.load(path)
 
 
 def test_a_vehicle_in_other_water_is_not_saved_as_if_it_were_not(tmp_path):

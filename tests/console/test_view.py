@@ -21,6 +21,21 @@ class Given(View):
         return self.what(state) if callable(self.what) else self.what
 
 
+class Rude(Exception):
+    """Of somebody's own, and not even a text."""
+
+    def __str__(self):
+        raise KeyError("text")
+
+
+class Spoiled:
+    def __str__(self):
+        raise ValueError("no cell")
+
+    def savefig(self, *_, **__):
+        raise Rude
+
+
 def giving(what, **more):
     return type("Given", (Given,), {"what": staticmethod(what) if callable(what) else what, **more})
 
@@ -55,12 +70,21 @@ def test_a_figure_becomes_a_picture():
         (ValueError("no depth"), r"Given.show failed: ValueError: no depth \(test_view.py, line \d+\)"),
         (3, r"Given.show gave int \(3\), expected text, rows"),
         ([("a", 1, "m", "more")], "Given.show gave list"),
+        (Rude(), r"Given.show failed: Rude: \(without a text\)"),
+        ([("a", Spoiled())], "Given.show failed: ValueError: no cell"),
+        (Spoiled(), "Given.show failed: Rude"),
         ("<svg>" + " " * MOST_BYTES, "gave a picture of .* bytes, expected at most"),
     ],
 )
 def test_mistakes_are_named(what, why):
     with pytest.raises(ConfigError, match=why):
         shown(giving(what)(), {})
+
+
+@pytest.mark.parametrize("every", [float("nan"), 0.0, "soon"])
+def test_a_time_between_looks_that_becomes_none_is_named(every):
+    with pytest.raises(ConfigError, match=f"Given: every: found {every!r}, expected 0.2 to 60 s"):
+        shown(giving("x", every=every)(), {})
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,19 @@ def test_errors_come_back_as_they_are(worker):
     assert ran(worker.call(len, "ab")) == 2
 
 
+def test_a_plain_one_unpickles_nothing():
+    plain = Worker("the work", plain=True)
+    assert ran(plain.call(errands.give_own)) == "own" and type(ran(plain.call(errands.give_own))) is str
+    with pytest.raises(RovtwinError, match="^line 3$"):
+        ran(plain.call(errands.fail, ConfigError("line 3")))
+    with pytest.raises(RovtwinError, match="Picky: here: that") as caught:
+        ran(plain.call(errands.fail_pickily))
+    assert type(caught.value) is RovtwinError
+    with pytest.raises(RovtwinError, match="allocate_lock: what it gives cannot be sent"):
+        ran(plain.call(threading.Lock))
+    plain.close()
+
+
 def test_an_answer_that_cannot_be_sent_says_so_and_the_process_stays(worker):
     process = ran(worker.call(os.getpid))
     with pytest.raises(RuntimeError, match="allocate_lock: what it gives cannot be sent: .*pickle"):

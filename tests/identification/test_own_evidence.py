@@ -25,6 +25,14 @@ nothing = 3
 """
 
 
+@jax.custom_vjp
+def _backwards(x):
+    return 2.0 * x
+
+
+_backwards.defvjp(lambda x: (2.0 * x, None), lambda _, g: (2.0 * g,))
+
+
 class Kind(OwnEvidence):
     """Of the buoyancy, spoiled by what a test says."""
 
@@ -42,6 +50,12 @@ class Kind(OwnEvidence):
             raise ValueError("no idea")
         if self.how == "branches" and model.buoyancy > 0:
             return model.buoyancy
+        if self.how == "shape compiled" and isinstance(model.buoyancy, jax.core.Tracer):
+            return jnp.stack([model.buoyancy, model.weight])
+        if self.how == "numpy":
+            return np.sqrt(np.asarray(model.buoyancy))
+        if self.how == "backwards":
+            return _backwards(model.buoyancy)
         if self.how == "nan":
             return jnp.nan * model.buoyancy
         if self.how == "constant":
@@ -103,6 +117,10 @@ def test_a_file_names_it_by_entry_point_or_by_address_with_consent(known, instal
         ({"bollard": {"direction": "surge", "force": 1.0, "sd": 1.0}, "kind": "weighed"}, "expected one of bollard"),
         (Kind(how="fails"), r"anchors\[0\]: Kind.predict failed: ValueError: no idea"),
         (Kind(how="nan"), r"Kind.predict gave \[nan\], expected finite numbers"),
+        (Kind(how="branches"), r"anchors\[0\]: Kind.predict cannot be differentiated by JAX: TracerBool.*jnp.where"),
+        (Kind(how="numpy"), "Kind.predict cannot be differentiated by JAX: TracerArrayConversionError"),
+        (Kind(how="backwards"), "Kind.predict cannot be differentiated by JAX: TypeError"),
+        (Kind(how="shape compiled"), r"Kind.predict gives shape \(2,\) compiled, \(1,\) otherwise"),
         (Kind(how="shape"), "found 1 predicted, 2 measured and 1 standard deviations"),
         (Kind(how="sd"), r"Kind.deviation gave \[-1.0\], expected numbers above 0"),
     ],
@@ -123,6 +141,7 @@ def test_the_contract_holds_what_is_sound():
         ("fails", "Kind.predict failed: ValueError"),
         ("nan", "expected finite numbers"),
         ("branches", "cannot be compiled: TracerBoolConversionError.*jnp.where"),
+        ("backwards", "cannot be differentiated by JAX"),
         ("constant", "depends on none of the parameters"),
         ("held back", "differs from that by differences"),
     ],

@@ -180,7 +180,7 @@ class CampaignSession(Result):
 
         Raises:
             LogError: The file is missing, damaged, or of something else.
-            ConfigError: The folder has no campaign, or this version of rovtwin cannot use it.
+            ConfigError: The campaign is missing, or this version of rovtwin cannot use it.
 
         Example:
             >>> rovtwin.CampaignSession.load("runs/many").whole  # doctest: +SKIP
@@ -208,13 +208,24 @@ class CampaignSession(Result):
                 f"{path}: found a Parquet file without its campaign, expected one that CampaignSession.save wrote; "
                 "load the folder in which it lies"
             )
-        about = json.loads(held)
-        campaign = parse(Campaign, about["campaign"], path.name)
-        return cls(
-            Path(about["folder"]),
-            campaign,
-            table.replace_schema_metadata(None),
-            about["flown"],
-            about["wall_s"],
-            about["by"],
-        )
+        try:
+            return cls(**_read(table, json.loads(held), path.name))
+        except (LookupError, TypeError, ValueError, OverflowError, RecursionError, pa.ArrowException) as error:
+            raise LogError(
+                f"{path}: found a damaged file, or one of another version ({type(error).__name__}: {error}), expected "
+                "all that CampaignSession.save writes; save it again from its folder"
+            ) from error
+
+
+def _read(table: pa.Table, about: dict[str, Any], where: str) -> dict[str, Any]:
+    """Fields of a session from what `save` kept; raises where something is missing or of another kind."""
+    campaign = parse(Campaign, about["campaign"], where)
+    schema = table_schema(campaign)
+    return {
+        "folder": Path(about["folder"]),
+        "campaign": campaign,
+        "table": table.select(schema.names).cast(schema),
+        "flown": int(about["flown"]),
+        "wall_s": float(about["wall_s"]),
+        "by": str(about["by"]),
+    }

@@ -55,9 +55,13 @@ def found_view(text: str, where: str = "--view") -> View:
         made = target()
     except Exception as error:  # of somebody else's code: anything
         raise ConfigError(f"{where}: {text}: cannot be made without arguments: {in_words(error)}") from error
-    if not isinstance(made.every, int | float) or not LEAST <= made.every <= MOST:
-        raise ConfigError(f"{where}: {text}: every: found {made.every!r:.40}, expected {LEAST:g} to {MOST:g} s")
+    _require_every(made.every, f"{where}: {text}")
     return made
+
+
+def _require_every(every: Any, where: str) -> None:
+    if not isinstance(every, int | float) or not LEAST <= every <= MOST:
+        raise ConfigError(f"{where}: every: found {every!r:.40}, expected {LEAST:g} to {MOST:g} s")
 
 
 def shown(view: View, state: dict[str, Any]) -> dict[str, Any]:
@@ -67,12 +71,14 @@ def shown(view: View, state: dict[str, Any]) -> dict[str, Any]:
         ConfigError: The view fails, or gives something else; the text names what and where.
     """
     name = type(view).__name__
-    try:
-        found = view.show(state)
+    try:  # what it gives runs its code too: a cell's text, a figure's drawing
+        found = _content(view.show(state), f"{name}.show")
+        _require_every(view.every, name)
+        return found | {"title": str(view.title or name)[:40], "every": float(view.every)}
     except Exception as error:  # of somebody else's code: anything
+        if type(error) is ConfigError:
+            raise
         raise ConfigError(f"{name}.show failed: {in_words(error)}") from error
-    about = {"title": str(view.title or name)[:40], "every": float(view.every)}
-    return about | _content(found, f"{name}.show")
 
 
 def _content(found: Any, where: str) -> dict[str, Any]:
@@ -104,7 +110,11 @@ def in_words(error: BaseException) -> str:
     """What an error of somebody else's code says, and in which of its lines."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
     place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {str(error)[:300]}{place}"
+    try:
+        text = str(error)[:300]
+    except Exception:  # of somebody else's error
+        text = "(without a text)"
+    return f"{type(error).__name__}: {text}{place}"
 
 
 _made = cache(found_view)  # in the view's process: made once

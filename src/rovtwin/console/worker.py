@@ -1,7 +1,9 @@
 """A process that works for the web server: a thread of Python's own work would keep STOP waiting."""
 
 import asyncio
+import json
 import math
+import pickle
 import signal
 import threading
 import traceback
@@ -26,9 +28,16 @@ class Worker:
     The process is below this one in priority. It is started by the first call, or by `warm`, and ends with this one.
     """
 
-    def __init__(self, what: str, patience: float = math.inf):
-        """`what` it does is for messages; `patience` with one call [s], after which the process is ended."""
-        self._what, self._patience = what, patience
+    def __init__(self, what: str, patience: float = math.inf, plain: bool = False):
+        """A worker that is not started yet.
+
+        Args:
+            what: It does, for messages.
+            patience: With one call [s], after which the process is ended.
+            plain: It runs code of somebody else: answers come as JSON, errors as RovtwinError. To read a pickle is to
+                import what it names.
+        """
+        self._what, self._patience, self._plain = what, patience, plain
         self._in_turn, self._starting = asyncio.Lock(), threading.Lock()
         self._waiting = self._ended = 0
         self._process: BaseProcess | None = None
@@ -41,7 +50,7 @@ class Worker:
 
         Raises:
             RovtwinError: Others wait already, the process was killed, or the call took too long.
-            Exception: That of the function.
+            Exception: That of the function; where it is plain, ValueError for an answer that is none.
         """
         if self._waiting >= MOST_WAITING:
             raise RovtwinError(f"{self._what}: {self._waiting} others wait already. Try again in a moment")
@@ -96,41 +105,53 @@ class Worker:
                 raise EOFError
             pipe = self._started()
         pipe.send((function, arguments))
-        pipe.recv()
+        pipe.recv_bytes()
         return pipe
 
-    @staticmethod
-    def _answer(pipe: Connection) -> tuple[Any, Exception | None]:
+    def _answer(self, pipe: Connection) -> tuple[Any, Exception | None]:
         """In a thread."""
-        return pipe.recv()
+        answer = pipe.recv_bytes()
+        if not self._plain:
+            return pickle.loads(answer)
+        found, error = json.loads(answer)
+        return found, None if error is None else RovtwinError(str(error))
 
     def _started(self) -> Connection:
         """The pipe to the process, which is started where it does not run."""
         if self._pipe is None or self._process is None or not self._process.is_alive():
-            self._process, self._pipe = started(_main, name="rovtwin-worker", nice=NICE)
+            self._process, self._pipe = started(_main, self._plain, name="rovtwin-worker", nice=NICE)
         return self._pipe
 
 
-def _main(pipe: Connection) -> None:
+def _main(pipe: Connection, plain: bool) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it: that closes the pipe
     try:
         while True:
             function, arguments = pipe.recv()  # which imports what it needs
-            pipe.send("begun")
+            pipe.send_bytes(b"begun")
             try:
                 answer = function(*arguments), None
             except Exception as error:
-                answer = None, error if travels(error) else RuntimeError("".join(traceback.format_exception(error)))
-            _send(pipe, function, answer)
+                answer = None, error
+            pipe.send_bytes(_packed(function, *answer, plain))
     except (EOFError, OSError):
         pass  # nobody is there to see
 
 
-def _send(pipe: Connection, function: Callable[..., Any], answer: tuple[Any, Exception | None]) -> None:
-    """Send an answer; of one that cannot be pickled an error that says so."""
+def _packed(function: Callable[..., Any], found: Any, error: Exception | None, plain: bool) -> Any:
+    """An answer to be sent, as JSON where it is plain; of one that cannot be sent an error that says so."""
+    pack: Callable[[Any], Any] = (lambda answer: json.dumps(answer).encode()) if plain else ForkingPickler.dumps
+    if error is not None:
+        return pack((None, _sendable(error, plain)))
     try:
-        packed = ForkingPickler.dumps(answer)
-    except Exception as error:
+        return pack((found, None))
+    except Exception as unfit:
         name = getattr(function, "__qualname__", str(function))
-        packed = ForkingPickler.dumps((None, RuntimeError(f"{name}: what it gives cannot be sent: {error}")))
-    pipe.send_bytes(packed)
+        return pack((None, _sendable(RuntimeError(f"{name}: what it gives cannot be sent: {unfit}"), plain)))
+
+
+def _sendable(error: Exception, plain: bool) -> Exception | str:
+    text = "".join(traceback.format_exception(error))
+    if plain:
+        return str(error) if type(error).__module__ == RovtwinError.__module__ else text
+    return error if travels(error) else RuntimeError(text)

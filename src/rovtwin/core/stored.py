@@ -1,8 +1,8 @@
 """Results as one netCDF file, and back, to the last bit: arrays are variables, all else is JSON beside them.
 
 What is kept is a tree of dataclasses, named tuples, pydantic models, containers, arrays and plain values. A class is
-named by its module and read back only if it is one of this package, whose fields are set as they were: no code of a
-file runs.
+named by the module that defines it, and read back only from rooms of this package in which results are at home; its
+fields are set as they were. Nothing else is imported or called.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 FORMAT = 1  # of the file
 PACKAGE = __name__.partition(".")[0]
+# Of this package: those whose classes a result may hold.
+_ROOMS = ("campaign", "core", "gnc", "identification", "planning", "runs", "scenario", "simulation", "vehicle")
 _HDF = b"\x89HDF\r\n\x1a\n"  # what a netCDF4 file begins with
 _SMALL = 64  # elements up to which nothing is gained by compressing them
 
@@ -88,7 +90,10 @@ class Stored(Result):
                 file.set_auto_maskandscale(False)
                 _require_kind(path, file, cls.__name__)
                 arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items()}
-            return _unpacked(json.loads(str(arrays.pop("words")[()])), arrays)
+            result = _unpacked(json.loads(str(arrays.pop("words")[()])), arrays)
+            if type(result) is not cls:
+                raise ValueError(f"it holds {type(result).__name__}")
+            return result
         except RovtwinError:
             raise
         except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ImportError) as error:
@@ -223,13 +228,15 @@ def _made(held: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
 
 
 def _class(address: str, base: type) -> Any:
-    """A class of this package; a file names no other."""
+    """A class of this package that results hold, by the module that defines it; a file names no other."""
     module, _, name = address.partition(":")
-    if module.partition(".")[0] != PACKAGE:
-        raise ValueError(f"{address} is no class of {PACKAGE}")
+    parts = module.split(".")
+    if parts[0] != PACKAGE or len(parts) < 2 or parts[1] not in _ROOMS or "__main__" in parts:
+        raise ValueError(f"{address} is no class of {PACKAGE} that a result holds")
     found: Any = importlib.import_module(module)
     for part in name.split("."):
         found = getattr(found, part)
-    if not (isinstance(found, type) and issubclass(found, base)):
+    is_class = isinstance(found, type) and issubclass(found, base)
+    if not is_class or (found.__module__, found.__qualname__) != (module, name):
         raise ValueError(f"{address} is no {base.__name__}")
     return found

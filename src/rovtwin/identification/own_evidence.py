@@ -3,7 +3,7 @@
 It is named in an evidence file by an address or an entry point of `rovtwin.evidence`, or handed over in Python.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict
 
 from rovtwin.core.errors import ConfigError, IdentificationError
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.plugins import EVIDENCE, load, origin
 from rovtwin.core.user_files.config import Strict, parse
 from rovtwin.vehicle.physics.model import Model
@@ -87,6 +87,40 @@ def numbers_of(
             "standard deviations, expected as many of each"
         )
     return measured, np.broadcast_to(deviation, measured.shape)
+
+
+def require_differentiable(
+    evidence: OwnEvidence, model_at: Callable[[Array], Model], n: int, count: int, where: str
+) -> None:
+    """Trace what is predicted and its derivative by the n parameters, as the estimate will; nothing is computed.
+
+    Args:
+        evidence: Of which `numbers_of` is sound.
+        model_at: The model at n parameters.
+        n: Number of parameters.
+        count: Of what was measured.
+        where: For messages.
+
+    Raises:
+        IdentificationError: It cannot be traced, or has another shape then.
+    """
+    name = type(evidence).__name__
+
+    def value(theta: Array) -> Array:
+        return predicted(evidence, model_at(theta))
+
+    try:
+        traced, _ = jax.eval_shape(lambda theta: (value(theta), jax.jacfwd(value)(theta)), jnp.zeros(n))
+    except Exception as error:  # of somebody else's code: anything
+        first = (str(error).splitlines() or [""])[0]
+        raise IdentificationError(
+            f"{where}: {name}.predict cannot be differentiated by JAX: {type(error).__name__}: {first.rstrip('.')}. "
+            "Use jax.numpy; in place of an `if` on an array jnp.where"
+        ) from error
+    if traced.shape != (count,):
+        raise IdentificationError(
+            f"{where}: {name}.predict gives shape {traced.shape} compiled, ({count},) otherwise, expected the same"
+        )
 
 
 def predicted(evidence: OwnEvidence, model: Model) -> Float[Array, " k"]:

@@ -61,7 +61,11 @@ def _compiles(evidence: OwnEvidence, parameters: Parameters, measured: np.ndarra
 
 def _has_a_gradient(evidence: OwnEvidence, parameters: Parameters) -> None:
     """Finite, that of differences, and of some parameter not zero: else it tells nothing."""
-    name, residuals = type(evidence).__name__, static_evidence(parameters, [evidence])
+    name = type(evidence).__name__
+    try:
+        residuals = static_evidence(parameters, [evidence])
+    except RovtwinError as error:
+        raise AssertionError(str(error)) from error
     assert residuals is not None
     theta = np.zeros(len(parameters.names))
     jacobian = np.asarray(jax.jit(jax.jacfwd(residuals))(jnp.asarray(theta)))

@@ -28,6 +28,16 @@ class Raises(View):
 class Hangs(View):
     def show(self, state):
         while True: pass
+class Mine(str):
+    pass
+class Odd(Exception):
+    pass
+class Foreign(View):
+    def show(self, state): return Mine(f"of {__name__}")
+class Drawn:
+    def savefig(self, *a, **k): raise Odd("ink")
+class Blot(View):
+    def show(self, state): return Drawn()
 class Ends(View):
     def show(self, state): os._exit(3)
 """
@@ -77,6 +87,27 @@ def test_one_that_raises_and_one_that_ends_are_named_while_others_go_on(hub):
     assert of(hub.kept, 1)[0]["title"] == "Raises"
     assert "Raises.show failed: KeyError: 'nothing' (mine.py, line" in of(hub.kept, 1)[0]["error"]
     assert "the view Ends: its process ended" in of(hub.kept, 2)[0]["error"]
+
+
+def test_nothing_of_its_module_comes_into_this_process(hub, monkeypatch):
+    monkeypatch.syspath_prepend(".")
+    until(hub, ["mine:Foreign", "mine:Blot"], lambda kept: of(kept, 0) and of(kept, 1))
+    assert of(hub.kept, 0)[0]["text"] == "of mine" and "Odd: ink" in of(hub.kept, 1)[0]["error"]
+    assert "mine" not in sys.modules
+
+
+@pytest.mark.parametrize(("every", "wait"), [(float("nan"), own_views.AGAIN), (1e9, own_views.AGAIN), (2.0, 2.0)])
+def test_what_another_process_gives_is_a_view_and_no_more(every, wait):
+    kept = []
+
+    class Other:
+        async def call(self, *_):
+            return {"kind": "state", "armed": False, "text": "x", "every": every}
+
+    views = OwnViews(SimpleNamespace(keep=kept.append), ["mine:Fine"])
+    assert ran(views._look(0, Other(), {})) == wait
+    (message,) = kept
+    assert message["kind"] == "view-0" and message["text"] == "x" and "armed" not in message
 
 
 def test_one_that_hangs_is_ended_and_keeps_nobody_waiting(hub, monkeypatch):

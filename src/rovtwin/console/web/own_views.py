@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 PATIENCE = 5.0  # with one look [s], after which the view's process is ended
 AGAIN = 10.0  # after that, or a process that ended, until the next try [s]: starting one takes a second of a core
+GIVEN = ("title", "text", "rows", "svg")  # of what a look gives, that the page is given
 AT_ONCE = 2  # looks at the same time: each that hangs keeps a thread of the server
 IDLE = 0.5  # until it is looked again whether there is a page, and a state [s]
 
@@ -42,7 +43,7 @@ class OwnViews:
 
     async def _keep(self, number: int) -> None:
         """Look at one again and again; whatever becomes of it, the others and the console go on."""
-        worker = Worker(f"the view {self.names[number]}", PATIENCE)
+        worker = Worker(f"the view {self.names[number]}", PATIENCE, plain=True)
         try:
             while True:
                 state = self._hub.client.last.get("state")
@@ -61,8 +62,9 @@ class OwnViews:
         try:
             async with self._turn:
                 found = await worker.call(look, self._views[number], state)
-            self._hub.keep(message | found)
-            return min(max(float(found["every"]), LEAST), MOST)
+            every = float(found["every"])
+            self._hub.keep(message | {key: found[key] for key in GIVEN if key in found})
+            return every if LEAST <= every <= MOST else AGAIN
         except RovtwinError as error:
             self._hub.keep(message | {"error": str(error)})
             return AGAIN if "process ended" in str(error) or "gave up" in str(error) else 1.0

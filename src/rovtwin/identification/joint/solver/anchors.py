@@ -15,7 +15,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.user_files.config import Number, Positive, Strict, parse
 from rovtwin.identification.joint.model.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.solver.problem import Static
-from rovtwin.identification.own_evidence import OwnEvidence, found_kind, numbers_of, predicted
+from rovtwin.identification.own_evidence import OwnEvidence, found_kind, numbers_of, predicted, require_differentiable
 from rovtwin.vehicle.physics.dynamics import damping_wrench, learned_wrench
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import static_force
@@ -95,6 +95,9 @@ def _own(
     parameters: Parameters, evidence: OwnEvidence, where: str
 ) -> tuple[Predicted, Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     measured, sd = numbers_of(evidence, parameters.model, where)
+    require_differentiable(
+        evidence, lambda theta: parameters.model_at(theta)[0], len(parameters.names), len(measured), where
+    )
     return (lambda model: predicted(evidence, model)), measured, sd
 
 
