@@ -55,6 +55,7 @@ def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
     rows = proven.measured["envelope"]
     assert [(row["current_m_s"], row["missions"], row["succeeded"]) for row in rows] == [(0.0, 3, 3), (0.1, 3, 3)]
     assert rows[0]["interval_95"][0] == pytest.approx(0.025 ** (1 / 3))
+    assert (proven.measured["seed"], proven.measured["samples"]) == (dossier.request.seed, dossier.request.samples)
     assert proven.measured["largest_current_m_s"] == 0.1 and person.shares[-1][1] == 1.0
 
     refused = predict.run(work_on(dossier, "predict", Asked(no="Thrusters")))

@@ -45,6 +45,8 @@ def run(work: Work) -> Outcome:
         "envelope": rows,
         "largest_current_m_s": for_all(list(limits.values())),
         "largest_currents": [{"sea_m": height, "current_m_s": current} for height, current in limits.items()],
+        "seed": work.request.seed,
+        "samples": work.request.samples,
         "asked_share": ASKED,
         "missions_needed": needed(ASKED),
         "autopilot": tuning.text,

@@ -9,13 +9,14 @@ from tests.identification.commands import run
 
 from rovtwin.commission.after import watching
 from rovtwin.commission.after.envelope import as_found
-from rovtwin.commission.after.issued import Issued, issued
+from rovtwin.commission.after.issued import Issued, Proven, issued
 from rovtwin.commission.request import Request
 from rovtwin.core.errors import ConfigError
 from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.result.overlay import to_yaml
 from rovtwin.monitoring.factors import AXES
 from rovtwin.monitoring.lost import Lost
+from rovtwin.planning.tank import MOTION_CAPTURE
 from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
@@ -30,7 +31,10 @@ def certificate(folder, flight):
     rows = [{"sea_m": 0.0, "current_m_s": speed} for speed in (0.0, 0.1)]
     prove = {"envelope": rows, "largest_currents": [{"sea_m": 0.0, "current_m_s": 0.1}]}
     request = Request(str(folder / "identified.yaml"), "twin://", samples=2)
-    return Issued(folder, "double_blueye", "2026-11-20T10:00:00Z", "0" * 64, request, None, {"prove": prove}, flight)
+    proven = Proven.model_validate({"seed": 1, "samples": 2} | prove)
+    return Issued(
+        folder, "double_blueye", "2026-11-20T10:00:00Z", "0" * 64, request, None, proven, MOTION_CAPTURE, flight
+    )
 
 
 def test_a_thruster_that_is_lost_has_no_force_in_the_missions_that_are_flown_again():

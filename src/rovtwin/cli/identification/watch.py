@@ -109,7 +109,7 @@ def _certified(
     for name, given in (("--vehicle", vehicle), ("--baseline", baseline)):
         if given is not None:
             raise ConfigError(f"{name} {given}: found --certificate beside it, which says what runs are compared with")
-    with issued(bundle) as certificate:
+    with issued(bundle, lambda words, share: progress("the bundle's files", share)) as certificate:
         return watch_certified(runs, certificate, prove, progress)
 
 
@@ -125,7 +125,7 @@ def _lines(certified: "Watched") -> list[str]:
 
 def _print_certified(certified: "Watched", screen: "Console") -> None:
     for line in _lines(certified):
-        alarm = line.startswith(("stop", "NOT")) or ": warning" in line
+        alarm = line.startswith(("stop", "warning", "NOT")) or ": warning" in line
         screen.print(line, style="bold red" if alarm else "", markup=False, soft_wrap=True)
 
 
@@ -143,7 +143,13 @@ def _certificate_data(certified: "Watched") -> dict[str, Any]:
         else {
             "holds": envelope.holds,
             "largest_currents": [
-                {"sea_m": sea, "certified_m_s": then, "now_m_s": envelope.after.get(sea)} for sea, then in seas.items()
+                {
+                    "sea_m": sea,
+                    "certified_m_s": then,
+                    "unchanged_m_s": envelope.control.get(sea),
+                    "now_m_s": envelope.after.get(sea),
+                }
+                for sea, then in seas.items()
             ],
             "cells": [cell.row() for cell in envelope.cells],
         },

@@ -65,7 +65,8 @@ def watch_certified(
     """
     found = watch_runs(runs, str(certificate.vehicle_file), 0, progress)
     then = None if certificate.flight is None else Log.read(certificate.flight)
-    signals = [_signals(one.path, then) for one in found.runs]
+    beside = () if certificate.positions is None else ("position",)
+    signals = [_signals(one.path, then, beside) for one in found.runs]
     text = f"{certificate.name}, certified {certificate.date[:10]}, seal {certificate.seal[:16]}.."
     watched = Watched(text, found, signals, None)
     if not (prove and watched.changed):
@@ -74,9 +75,9 @@ def watch_certified(
     return Watched(text, found, signals, again)
 
 
-def _signals(log: Path, then: Log | None) -> list[Check]:
+def _signals(log: Path, then: Log | None, beside: Sequence[str]) -> list[Check]:
     if then is None:
         return [Check("note", "sensors", "not compared: the certificate has no flight")]
     if log.suffix != ".mcap":
         return [Check("note", "sensors", f"not compared: {log.name} is no log of rovtwin")]
-    return list(compared(Log.read(log), then))
+    return list(compared(Log.read(log), then, beside))

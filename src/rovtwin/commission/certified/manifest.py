@@ -127,6 +127,9 @@ def read_manifest(content: bytes, where: str) -> Manifest:
         require_inside(path, where)
     if len(set(paths)) < len(paths):
         raise ConfigError(f"{where}: found a file that is named twice, expected each once")
+    files = set(paths)
+    if both := next((path[:i] for path in paths for i, c in enumerate(path) if c == "/" and path[:i] in files), None):
+        raise ConfigError(f"{where}: {ascii(both)[:120]} is a file and a folder, expected one. Do not use this bundle")
     if sum(one.bytes for one in found.files) > MOST_IN_ALL:
         raise ConfigError(f"{where}: found more than {MOST_IN_ALL / 1e9:.0f} GB in all, expected a bundle")
     return found

@@ -90,15 +90,34 @@ def flown_in(
     progress: Callable[[float], None],
 ) -> Proof:
     """So many missions in each place, all flown together; what is drawn for one depends on its numbers alone."""
+    return flown_beside(places, samples, seed, base, [plants], progress)[0]
+
+
+def flown_beside(
+    places: Sequence[Place],
+    samples: int,
+    seed: int,
+    base: Simulation,
+    kinds: Sequence[Plants],
+    progress: Callable[[float], None],
+) -> list[Proof]:
+    """The same missions by each of some kinds of plants, drawn by the same numbers, all flown together."""
     drawn_for = [(k, i) for k in range(len(places)) for i in range(samples)]
-    runs = [drawn(base, plants, (seed, STREAM, k, i), _world(seed, k, i, places[k])) for k, i in drawn_for]
+    runs = [
+        drawn(base, plants, (seed, STREAM, k, i), _world(seed, k, i, places[k]))
+        for plants in kinds
+        for k, i in drawn_for
+    ]
     flown = fly_all(runs, progress)
     reasons = [_ended(one, run) for one, run in zip(flown, runs, strict=True)]
-    cells = [
-        _cell(place, [reason for (n, _), reason in zip(drawn_for, reasons, strict=True) if n == k])
-        for k, place in enumerate(places)
-    ]
-    return Proof(cells, [places[k] for k, _ in drawn_for], runs, reasons)
+    n = len(drawn_for)
+    return [_proof(places, samples, runs[i * n : i * n + n], reasons[i * n : i * n + n]) for i in range(len(kinds))]
+
+
+def _proof(places: Sequence[Place], samples: int, runs: list[Simulation], reasons: list[str]) -> Proof:
+    """Of missions that are in order of their places, so many in each."""
+    cells = [_cell(place, reasons[k * samples : (k + 1) * samples]) for k, place in enumerate(places)]
+    return Proof(cells, [place for place in places for _ in range(samples)], runs, reasons)
 
 
 def _world(seed: int, cell: int, mission: int, place: tuple[float, float]) -> dict[str, Any]:
