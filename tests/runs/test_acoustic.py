@@ -12,7 +12,7 @@ from rovtwin.core.user_files.config import parse
 from rovtwin.planning.experiments import _scenario
 from rovtwin.planning.records import _signal
 from rovtwin.planning.rehearsal import _exact
-from rovtwin.planning.tank import Tank
+from rovtwin.planning.tank import MOTION_CAPTURE, Tank
 from rovtwin.runs.batch import score_together
 from rovtwin.runs.compose.acoustic import equivalent_white
 from rovtwin.runs.compose.composition import compose
@@ -68,7 +68,9 @@ def test_tests_with_motion_capture_fly_none_of_it(name):
     parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
     vehicle = vehicle_from_dict({"name": "v", "parts": parts})
     rest = [{"manoeuvre": "rest", "duration": 5}]
-    scenario = _scenario("double_blueye", Tank(6.0, 3.0, 1.5), rest) if name == "plan" else load_scenario(name)
+    scenario = (
+        _scenario("double_blueye", Tank(6.0, 3.0, 1.5), MOTION_CAPTURE, rest) if name == "plan" else load_scenario(name)
+    )
     position = sensors_of(scenario, vehicle)["position"]
     assert position.errors is None and float(position.dropout) == 0.0 and not np.any(position.lever)
     assert position.rate == 15_000 and np.all(position.noise == 0.03)
