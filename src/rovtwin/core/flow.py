@@ -122,7 +122,29 @@ def pack(readings: list[Measurement], empty: Measurements) -> Measurements:
     return packed
 
 
-class Estimate(eqx.Module):
+class Posed(eqx.Module):
+    """What has a pose.
+
+    Attributes:
+        position: In n [m].
+        attitude: Unit quaternion [w, x, y, z], maps its own axes to n.
+    """
+
+    position: Vector3
+    attitude: Quaternion
+
+    @property
+    def eta(self) -> Float[Array, "*axes 6"]:
+        """Pose with zyx Euler angles [m, rad]."""
+        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
+
+    @property
+    def heading(self) -> Float[Array, "*axes"]:
+        """See `frames.heading_of` [rad]."""
+        return heading_of(self.attitude)
+
+
+class Estimate(Posed):
     """The observer's estimate.
 
     Attributes:
@@ -141,8 +163,6 @@ class Estimate(eqx.Module):
             tell it.
     """
 
-    position: Vector3
-    attitude: Quaternion
     nu: Vector6
     bias: Vector6
     covariance: Float[Array, "12 12"]
@@ -164,16 +184,6 @@ class Estimate(eqx.Module):
 
         attitude = quaternion_from_euler(eta[3:])
         return cls(eta[:3], attitude, nu, bias, turned(turned(covariance).T), *others, **named)
-
-    @property
-    def eta(self) -> Float[Array, "*axes 6"]:
-        """Pose with zyx Euler angles [m, rad]."""
-        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
-
-    @property
-    def heading(self) -> Float[Array, "*axes"]:
-        """See `frames.heading_of` [rad]."""
-        return heading_of(self.attitude)
 
     @property
     def R_nb(self) -> Matrix3:
@@ -276,7 +286,7 @@ class Progress(eqx.Module):
         return cls(none, none, jnp.zeros(()), jnp.zeros(2))
 
 
-class Setpoint(eqx.Module):
+class Setpoint(Posed):
     """What guidance asks for.
 
     Attributes:
@@ -294,8 +304,6 @@ class Setpoint(eqx.Module):
         progress: How guidance gets on.
     """
 
-    position: Vector3
-    attitude: Quaternion
     nu: Vector6
     leg_start: Vector3
     leg_end: Vector3
@@ -311,18 +319,8 @@ class Setpoint(eqx.Module):
         """At a place, level, with a heading [rad]; the rest as it is."""
         return cls(position, level_attitude(heading), *others, **named)
 
-    @property
-    def eta(self) -> Float[Array, "*axes 6"]:
-        """Pose with zyx Euler angles [m, rad]."""
-        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
 
-    @property
-    def heading(self) -> Float[Array, "*axes"]:
-        """See `frames.heading_of` [rad]."""
-        return heading_of(self.attitude)
-
-
-class Reference(eqx.Module):
+class Reference(Posed):
     """The smooth path to the set-point. Its own axes d are those that `attitude` maps to n.
 
     Attributes:
@@ -334,8 +332,6 @@ class Reference(eqx.Module):
         angular_acceleration: Rate of the angular velocity, d [rad/s2].
     """
 
-    position: Vector3
-    attitude: Quaternion
     velocity: Vector3
     angular_velocity: Vector3
     acceleration: Vector3
@@ -347,11 +343,6 @@ class Reference(eqx.Module):
         euler, rate, change = eta[3:], eta_dot[3:], eta_ddot[3:]
         omega, omega_dot = jax.jvp(lambda e, r: body_rates_from_euler_rates(e) @ r, (euler, rate), (rate, change))
         return cls(eta[:3], quaternion_from_euler(euler), eta_dot[:3], omega, eta_ddot[:3], omega_dot)
-
-    @property
-    def eta(self) -> Float[Array, "*axes 6"]:
-        """Pose with zyx Euler angles [m, rad]."""
-        return jnp.concatenate([self.position, euler_from_quaternion(self.attitude)], axis=-1)
 
     @property
     def eta_dot(self) -> Vector6:

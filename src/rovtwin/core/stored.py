@@ -84,7 +84,7 @@ class Stored(Result):
         import netCDF4
 
         path = Path(path)
-        _require_netcdf(path, cls.__name__)
+        require_netcdf(path, cls.__name__, LogError, ": give the file that `save` wrote, or save the result again")
         try:
             with netCDF4.Dataset(path, "r") as file:
                 file.set_auto_maskandscale(False)
@@ -104,19 +104,15 @@ class Stored(Result):
             ) from error
 
 
-def _require_netcdf(path: Path, kind: str) -> None:
-    """Raises LogError where a path certainly leads to no saved result."""
+def require_netcdf(path: Path, kind: str, error: type[RovtwinError], fix: str) -> None:
+    """Raises `error` where a path certainly leads to no saved result of a kind; `fix` is for a file of another one."""
     if not path.is_file():
         around = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         what = "a folder" if path.is_dir() else "no such file"
-        raise LogError(f"{path}: found {what}, expected a saved {kind}.{near(path.name, around)}")
+        raise error(f"{path}: found {what}, expected a saved {kind}.{near(path.name, around)}")
     with open(path, "rb") as stream:
-        start = stream.read(len(_HDF))
-    if start != _HDF:
-        raise LogError(
-            f"{path}: found no netCDF file (it starts with {start!r}), expected one that {kind}.save wrote; give that, "
-            "or save the result again"
-        )
+        if stream.read(len(_HDF)) != _HDF:
+            raise error(f"{path}: found no netCDF file, expected a saved {kind}{fix}")
 
 
 def _require_kind(path: Path, file: Dataset, kind: str) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError, RovtwinError
 from rovtwin.core.log.files import atomic, write_error
-from rovtwin.core.user_files.config import near
+from rovtwin.core.stored import require_netcdf
 from rovtwin.core.user_files.files import write_bytes
 from rovtwin.identification.result.packing import Packed, packed, unpacked
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rovtwin.identification.result.identification import Identification
 
 FORMAT, VERSION = "rovtwin identification", 2
-_HDF = b"\x89HDF\r\n\x1a\n"  # what a netCDF4 file begins with
 _AGAIN = "run rovtwin identify again, which writes one beside its vehicle file"
 _ROOM = 1 << 20  # bytes that are tried
 _SMALL = 64  # elements up to which nothing is gained by compressing them
@@ -114,18 +113,9 @@ def require_replaceable(path: Path) -> None:
 
 
 def _require_file(path: Path) -> None:
-    if not path.is_file():
-        around = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        what = "a folder" if path.is_dir() else "no such file"
-        raise IdentificationError(f"{path}: found {what}, expected a saved identification.{near(path.name, around)}")
-    with open(path, "rb") as stream:
-        start = stream.read(len(_HDF))
-    if start != _HDF:
-        other = "; a vehicle file is read by rovtwin.load_vehicle" if path.suffix in (".yaml", ".yml") else ""
-        raise IdentificationError(
-            f"{path}: found no netCDF file, expected a saved identification such as identified.nc{other}. Without one, "
-            f"{_AGAIN}"
-        )
+    other = "; a vehicle file is read by rovtwin.load_vehicle" if path.suffix in (".yaml", ".yml") else ""
+    fix = f" such as identified.nc{other}. Without one, {_AGAIN}"
+    require_netcdf(path, "identification", IdentificationError, fix)
 
 
 def _require_ours(path: Path, file: Dataset) -> None:
