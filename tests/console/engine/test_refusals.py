@@ -14,7 +14,7 @@ from rovtwin.console.engine import bridge as module  # noqa: E402
 from rovtwin.console.engine.bridge import ANY_AGE, Bridge  # noqa: E402
 
 PLAN = {"waypoints": [{"position": [1.0, 2.0, 1.0]}]}
-PLAIN = ("stop", "alive", "arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect", "quit")
+PLAIN = ("stop", "alive", "arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect", "lend", "quit")
 ORDERS = dict.fromkeys(PLAIN, {}) | {
     "submit": PLAN,
     "check": PLAN,
@@ -77,7 +77,10 @@ def test_an_order_that_waited_too_long(ask, do):
     refused(ask(do, age=5.0), "too old")
 
 
-@pytest.mark.parametrize("do", [do for do in ORDERS if do not in ("stop", "alive", "quit", "reconnect", "check")])
+NEED_NO_VEHICLE = ("stop", "alive", "quit", "reconnect", "lend", "check")
+
+
+@pytest.mark.parametrize("do", [do for do in ORDERS if do not in NEED_NO_VEHICLE])
 def test_an_order_to_a_vehicle_that_is_not_there(ask, engine, do):  # noqa: F811
     engine._let_go("lost")
     refused(ask(do), "no vehicle yet")
@@ -88,7 +91,10 @@ def test_an_order_to_fly_what_is_not_armed(ask, do):
     refused(ask(do), "not armed")
 
 
-@pytest.mark.parametrize("do, why", [("arm", "armed already"), ("reconnect", "disarm before"), ("start", "no plan")])
+@pytest.mark.parametrize(
+    "do, why",
+    [("arm", "armed already"), ("reconnect", "disarm before"), ("lend", "disarm it first"), ("start", "no plan")],
+)
 def test_an_order_at_the_wrong_time(ask, engine, do, why):  # noqa: F811
     armed(engine)
     refused(ask(do), why)
