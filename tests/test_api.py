@@ -43,6 +43,7 @@ def test_every_name_says_what_it_is(name):
         assert len(inspect.getdoc(getattr(rovtwin, name)) or "") > 20
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_examples_of_the_docstrings_run(name):
     assert ">>>" in (inspect.getdoc(getattr(api, name)) or "")
@@ -127,6 +128,7 @@ def test_what_cannot_be_is_refused_in_words(call, why):
         call()
 
 
+@pytest.mark.system
 def test_what_a_scenario_leaves_out_is_the_vehicles_own_whichever_way_it_is_given():
     quiet, overrides = {"say": lambda line: None}, ["vehicle=gladius_mini", "duration=0.1"]
     square = rovtwin.load_scenario("square")
@@ -141,6 +143,7 @@ def test_what_a_scenario_leaves_out_is_the_vehicles_own_whichever_way_it_is_give
     assert flown[0][0] != (square.waypoints[0].speed, square.waypoints[0].acceptance)
 
 
+@pytest.mark.system
 def test_a_log_is_one_line_in_a_notebook_and_a_channel_of_it_a_netcdf_file(tmp_path):
     log = rovtwin.fly("square", overrides=["duration=0.1"], say=lambda line: None).log
     assert repr(log).startswith("<Log log: ") and len(repr(log)) < 80

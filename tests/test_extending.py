@@ -180,6 +180,7 @@ def test_a_sensor_is_flown_and_logged(installed, monkeypatch):
     assert len(series) in (15, 16) and (series.values[:, 0] > 0.0).all() and "own_code" in flight.log.metadata
 
 
+@pytest.mark.system
 def test_evidence(installed, monkeypatch):
     import yaml
 

@@ -16,6 +16,7 @@ def traced(what: str) -> str:
     return done.stdout
 
 
+@pytest.mark.system
 def test_every_block_and_vehicle_has_the_shapes_of_its_types_and_wrong_ones_are_refused():
     assert "traced" in traced("loop")
 

@@ -63,6 +63,7 @@ def session(campaign, tmp_path_factory):
     return whole
 
 
+@pytest.mark.system
 def test_every_sample_has_one_row(session, campaign):
     rows = session.table.to_pylist()
     assert [row["index"] for row in rows] == [0, 1, 2, 3] and session.whole
@@ -122,6 +123,7 @@ def test_ctrl_c_keeps_what_is_flown(campaign, tmp_path):
     assert summarise(campaign, stopped.table)["flown"] == 1
 
 
+@pytest.mark.system
 def test_a_report_of_real_rows(session):
     page = write_report(session).read_text()
     assert page.index("What did not complete") < page.index("Distribution of the scores")
@@ -233,6 +235,7 @@ def test_processes_of_this_machine(campaign, session, tmp_path):
     assert spread.table["effort_n2s"].equals(session.table["effort_n2s"])
 
 
+@pytest.mark.system
 def test_a_campaign_that_is_refused_says_so_and_fails(tmp_path):
     """It said "missions flown" and ended with 0."""
     path = tmp_path / "swept.yaml"

@@ -47,6 +47,7 @@ def short_run(tmp_path_factory):
     return folder, json.loads(code.stdout)
 
 
+@pytest.mark.system
 def test_fly_says_all_that_a_script_needs(short_run):
     folder, text = short_run
     assert text["run_dir"] == str(folder)
@@ -57,6 +58,7 @@ def test_fly_says_all_that_a_script_needs(short_run):
     assert Path(text["files"]["log.mcap"]).is_file() and Path(text["files"]["scenario.yaml"]).is_file()
 
 
+@pytest.mark.system
 def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     new, bare = tmp_path / "new.yaml", tmp_path / "bare.yaml"
     words = ("vehicle", "add", "double_blueye", "dvl_a50", "--at", "-0.2,0,0.16", "--name", "dvl", "-o", new)
@@ -122,6 +124,7 @@ def test_a_vehicle_without_drag_is_reported_to_have_no_bound(capsys, tmp_path):
     assert "no bound of the position: nothing drags it" in out and " inf" not in out and "nan" not in out
 
 
+@pytest.mark.system
 def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
     storm = "world.waves={model: airy, significant_height: 1.5, zero_crossing_period: 5.7}"
     code, out, _ = run(capsys, "sea", "lawnmower_sea", "--set", storm, "--json")
@@ -190,12 +193,14 @@ def test_log_commands(short_run, tmp_path, capsys):
     assert len(Log.read(tmp_path / "cut.repaired.mcap")["truth/eta"]) > 10
 
 
+@pytest.mark.system
 def test_report_of_a_log(short_run, tmp_path, capsys):
     folder, _ = short_run
     code, out, _ = run(capsys, "report", folder / "log.mcap", "--out", tmp_path, "--json")
     assert code == 0 and Path(json.loads(out)["report"]).stat().st_size > 10_000
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "words",
     [("scenario", "list"), ("scenario", "show", "square"), ("scenario", "check", "square_dvl"), ("scenario", "schema"),
@@ -372,6 +377,7 @@ BAD = [
 ]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("words", "expected"), BAD, ids=[" ".join(words)[:60] for words, _ in BAD])
 def test_bad_input_is_one_message_and_exit_code_2(words, expected, tmp_path, monkeypatch, capsys):
     files(tmp_path)

@@ -59,6 +59,7 @@ def stops(outcome):
     return {check.what: f"{check.text} {check.fix}" for check in outcome.checks if check.verdict == "stop"}
 
 
+@pytest.mark.system
 def test_a_sound_vehicle_passes_bench_and_dip(tmp_path, monkeypatch):
     work, made = begun(tmp_path, monkeypatch)
     found = bench.run(work)

@@ -158,6 +158,7 @@ def newest(camera):
     raise AssertionError("neither a picture nor a reason in 60 s")
 
 
+@pytest.mark.system
 def test_process_gives_pictures_and_says_why_there_are_no_more(vehicle):
     section = section_of(load_scenario("lawnmower_calm"), vehicle, "pool")
     with PictureProcess(Drawn(section, vehicle, Gone(5))) as camera:

@@ -131,6 +131,7 @@ def test_what_ended_first_is_how_a_test_ended(helm, simulation, scenario):
     helm.idle()
 
 
+@pytest.mark.system
 def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, simulation, scenario, tmp_path):
     """A whole test against the twin's link: the simulated hand tilts when the test says so, whenever that is."""
     clock, dt = Standing(1.0), scenario.control_dt

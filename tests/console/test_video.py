@@ -26,6 +26,7 @@ def newest(process):
     raise AssertionError("neither a picture nor a reason in 60 s")
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("scheme", CAMERAS)
 def test_newest_picture_fits_and_markers_are_found_until_the_camera_hangs_up(scheme):
     with filming(scheme) as film, PictureProcess(Filmed(film.url, "pool")) as process:
@@ -45,6 +46,7 @@ def test_newest_picture_fits_and_markers_are_found_until_the_camera_hangs_up(sch
         assert "the stream ended" in process.why and "secret" not in process.why
 
 
+@pytest.mark.system
 def test_camera_that_is_not_there_is_reported_without_its_password():
     with socket.socket() as nobody:  # an address at which nobody answers
         nobody.bind(("127.0.0.1", 0))

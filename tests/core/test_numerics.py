@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from rovtwin.core.numerics import (
     _add_flag,
@@ -40,6 +41,7 @@ def test_cache_folder_can_be_chosen(monkeypatch, tmp_path):
     assert cache_folder() == tmp_path / "xdg" / "rovtwin"
 
 
+@pytest.mark.system
 def test_fresh_process_is_configured_before_jax_starts(tmp_path):
     """XLA reads its flags once: importing any module that computes must be enough, and what is compiled is kept."""
     script = """

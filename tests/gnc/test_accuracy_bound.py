@@ -114,6 +114,7 @@ def test_a_filter_errs_as_much():
     assert sigma(d, when="after") < sigma(d) < sigma(d, when="before")
 
 
+@pytest.mark.system
 def test_the_ekf_reaches_it():
     """Steady ahead along north, the full nonlinear filter's own sigma is the bound of the linearised model."""
     model = double_body()

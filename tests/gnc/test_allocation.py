@@ -50,6 +50,7 @@ def made(thrusters, command):
     return thrusters.configuration @ static_force(thrusters, command.u)
 
 
+@pytest.mark.system
 @given(seeds, st.sampled_from([1, 3, 8]), st.sampled_from(["scale", "clip"]))
 def test_reachable_wrench_is_made(seed, n, saturation):
     T, thrusters = any_thrusters(seed, n)

@@ -73,6 +73,7 @@ def test_the_wrench_is_continuous_through_a_pitch_of_ninety_degrees(wrench):
     assert np.all(steps.max(axis=0) < 1.5 * np.median(steps, axis=0) + 1e-6)
 
 
+@pytest.mark.system
 def test_the_wrench_has_a_gradient_at_ninety_degrees(wrench):
     h, upright = 1e-5, 0.5 * np.pi
     slope = jax.jacobian(wrench)(upright)
@@ -93,6 +94,7 @@ def test_a_reference_turns_over_as_it_turns_level():
     np.testing.assert_allclose(rotation_error(asked.attitude, path.attitude[-1]), 0.0, atol=0.01)
 
 
+@pytest.mark.system
 def test_a_vehicle_that_nothing_rights_is_turned_beyond_ninety_degrees_and_kept_there():
     model, aim = neutral(), np.radians(120.0)
     reference, control = PathReference.of(model), Tracking.of(model)
@@ -119,6 +121,7 @@ def test_a_vehicle_that_nothing_rights_is_turned_beyond_ninety_degrees_and_kept_
     np.testing.assert_allclose(states.position[-1], place, atol=0.05)
 
 
+@pytest.mark.system
 def test_the_filter_is_as_sure_of_an_upright_vehicle_as_of_a_level_one():
     """By Euler angles its covariance was 1e33 there."""
     model = load_vehicle("bluerov2_heavy").model()

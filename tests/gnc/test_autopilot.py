@@ -72,6 +72,7 @@ def cross_track(truth, setpoint):
 # Missions
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("gains", ["table_7_1", "pole_placement"])
 def test_square_of_the_thesis(model, gains):
     truth, output = flown(pilot(model, gains=gains), model, START, requests(LONG))

@@ -112,6 +112,7 @@ def test_surfacing_goes_straight_up_and_stays():
     assert {int(p) for p in phase[10:]} == {SURFACING, SURFACED} and phase[-1] == SURFACED
 
 
+@pytest.mark.system
 def test_a_vehicle_already_at_the_surface_is_not_sent_down():
     memory = BLOCK.init(jax.random.key(0), START)
     given = ContingencyInput(
@@ -162,6 +163,7 @@ def test_without_a_command_the_pilot_keeps_the_station():
     assert np.allclose(eta[-1], eta[-100]) and np.linalg.norm(eta[-1, :3] - AT[:3]) < 0.6
 
 
+@pytest.mark.system
 def test_a_pilot_gets_no_more_than_the_vehicle_may_and_does_not_leave_it_behind():
     nu = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0), command=(9.0, 0.0, 0.0, 9.0)).nu)
     assert np.abs(nu[:, :2]).max() <= 0.5 + 1e-9 and nu[-1, 5] == 0.5

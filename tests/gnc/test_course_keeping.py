@@ -121,6 +121,7 @@ def square(current):
     return fly(SQUARES, current)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("current", CURRENTS)
 def test_a_square_is_completed_in_calm_and_in_a_third_of_the_top_speed(current):
     place, setpoint, euler = square(current)
@@ -247,6 +248,7 @@ def test_velocity_through_the_water_makes_the_course_good_before_the_speed():
     assert sustained.made_good(jnp.asarray(0.0), 2.0 * current) < 0.0
 
 
+@pytest.mark.system
 def test_a_pilot_steers_himself():
     block = CourseKeeping.of(MODEL)
     from tests.block_examples import estimates, setpoints

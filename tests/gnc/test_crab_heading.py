@@ -95,6 +95,7 @@ def _setpoint(memory):
     return PathGuidance.of(MODEL).step(memory, given, DT)[1]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("mode", [MODE_HOLDING, MODE_PILOTED])
 def test_what_holds_a_place_looks_where_it_can_stay(mode):
     """It kept the heading that it had, and was swept away or tipped."""

@@ -85,6 +85,7 @@ def interval(samples, dof, level=0.999):
     return chi2.ppf([(1 - level) / 2, (1 + level) / 2], dof * samples) / samples
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "states",
     [HORIZONTAL, (2,), (3, 4, 5), (6, 7, 8), (9, 10, 11), (12, 13, 14), (15, 16, 17), tuple(range(18))],

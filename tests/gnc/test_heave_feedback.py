@@ -54,6 +54,7 @@ def each_for_itself(model):
     return dataclasses.replace(Tracking.of(model), tilting=None, K_p=untilted.K_p, K_d=untilted.K_d)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("share", [-0.9, 0.3, 0.9])
 def test_a_leg_is_flown_level_though_heave_thrust_pitches(share):
     model = aft(0.2)

@@ -30,6 +30,7 @@ LEVEL = LevelSpeed(jnp.array([0.4, 1.0]))
 NORTH, EAST = jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.0, 0.5 * np.pi, 2.5])
 def test_on_the_ellipse_nothing_rights_the_vehicle_and_inside_something_does(angle):
     """Static stiffness of roll and pitch by the equations of motion: its determinant is zero where it tips."""

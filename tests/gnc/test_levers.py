@@ -125,6 +125,7 @@ def flown(runs, far, without=()):
     return np.sqrt(np.mean(np.sum(error**2, axis=-1))), np.mean(nees(error, P[:, 500:], [0, 1]))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("without", [(), ("dvl",)], ids=["with a DVL", "without"])
 def test_large_levers_and_a_turn_of_45_degrees_cost_nothing(runs, without):
     """The same noise: errors may differ by what levers take from the sensors, not by what was forgotten."""
@@ -134,6 +135,7 @@ def test_large_levers_and_a_turn_of_45_degrees_cost_nothing(runs, without):
     assert ratio == pytest.approx(ratio_0, rel=0.15) and 1.0 < ratio < 3.0
 
 
+@pytest.mark.system
 def test_readings_moved_to_co_are_those_of_sensors_at_co(runs):
     """What the thesis's filter and tests get: all but the part of a lever that takes the angular acceleration."""
     run, slots = runs[1][0]

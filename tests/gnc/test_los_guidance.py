@@ -244,6 +244,7 @@ def test_mission_without_way_points_stays_idle():
     assert int(memory.phase) == int(setpoint.phase) == IDLE
 
 
+@pytest.mark.system
 def test_gradient_is_finite_on_a_leg_of_no_length():
     plan = route([(0.0, 0.0)])
 

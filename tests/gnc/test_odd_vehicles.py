@@ -34,6 +34,7 @@ ONE_WAY = thirty_kg(
 ODD = {"no heave": NO_HEAVE, "heave only": HEAVE_ONLY, "unrighted": UNRIGHTED, "sway one way": ONE_WAY}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ODD)
 def test_control_asks_for_numbers(name):
     """Without sway and with nothing that rights it in roll, all forces were NaN."""

@@ -205,6 +205,7 @@ def test_without_thrust_in_yaw_no_dive_and_no_corner_waits_for_a_heading(heading
     assert speed[corner].min() > 0.05
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("phase", "mode"), [(DIVE, 0), (GO, 0), (HOLD, 0), (FINISHED, 0), (HOLD, MODE_PAUSED)])
 @pytest.mark.parametrize("end", [(6.0, 0.0), (0.0, 0.0)], ids=["leg north", "leg without length"])
 def test_a_vehicle_looks_where_it_can_stay_whatever_it_is_about(phase, mode, end):

@@ -122,6 +122,7 @@ def at_co(**changes):
     )
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("zeta", [0.8, 1.0])
 def test_pole_placement_places_the_poles(zeta):
     w = np.array([0.7, 0.8, 0.6, 2.5, 1.0, 0.9])  # fast enough that no gain is cut off at zero

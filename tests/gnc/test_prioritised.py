@@ -186,6 +186,7 @@ def test_slow_thruster_gets_away_from_standstill():
     np.testing.assert_allclose(allocated.made[0], 2.0, atol=1e-5)
 
 
+@pytest.mark.system
 @settings(max_examples=10)
 @given(seeds)
 def test_gradient_is_that_of_the_minimum(seed):
@@ -248,6 +249,7 @@ def test_vectored_vehicle_that_lost_a_thruster_still_moves_every_way():
     assert 0.3 < now.horizontal / sound.horizontal < 0.8
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", list_library())
 def test_thrusters_above_co_still_push(name):
     """What surge makes in pitch is a by-product where nothing balances it: it took surge away, with 2 cm of lever."""

@@ -40,6 +40,7 @@ def analytic(delta, w, t):
     return np.real(1 + (q * np.exp(p * t) - p * np.exp(q * t)) / (p - q))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("dt", [0.02, 0.5])
 @pytest.mark.parametrize("delta", [0.3, 0.9, 1 - 1e-6, 1.0, 1 + 1e-6, 1.2, 3.0])
 def test_step_response_is_exact(delta, dt):
@@ -138,6 +139,7 @@ def test_speed_limit_of_an_axis():
     np.testing.assert_allclose(np.diff(path.eta[:, 2])[100:500], 0.1 * 0.02, atol=1e-12)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("delta", [0.7, 1.0, 1.4])
 def test_gradient_by_its_parameters(delta):
     def end(delta, w):

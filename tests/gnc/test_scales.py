@@ -237,6 +237,7 @@ def test_what_the_filter_assumes_of_forces_and_currents_grows_with_the_vehicle(p
         np.testing.assert_allclose(ratio, np.where(small[name] > 0.0, grows, 1.0), rtol=1e-6, err_msg=name)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["guidance.patience", "contingency.leash", "control.reach"])
 def test_a_constant_that_does_not_scale_is_found(name):
     """One leaf of a block is the same number for every vehicle, the small one's own: the walk raises, and names it."""

@@ -119,6 +119,7 @@ TABLE = {
 CASES = [(mode, request, after) for mode in TABLE for request, after in zip(REQUESTS, TABLE[mode], strict=True)]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("mode", "request_", "after"), CASES)
 def test_what_the_operator_may_do(mode, request_, after):
     assert ask(mode, request_) == (after, OPERATOR if after == MODE_ABORTED else NO_REASON)
@@ -254,6 +255,7 @@ def test_every_rule_has_a_test():
     assert set(TRIGGERS) | RUNNING_OUT == set(RULES) == set(REASONS[1:])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", list(TRIGGERS))
 def test_a_rule_acts_after_its_time_and_latches(name):
     input, fine = TRIGGERS[name]
@@ -278,6 +280,7 @@ def test_a_rule_can_be_ignored_or_answered_otherwise(name):
         assert mode == expected
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", VITAL)
 def test_a_sensor_that_falls_silent_is_missed_after_3_s_and_one_that_is_not_there_never(name):
     reported = {one: Slot(jnp.zeros((1, 3)), jnp.ones(1, dtype=bool), jnp.zeros(1)) for one in VITAL}
@@ -321,6 +324,7 @@ def line(seconds, speed, start=0.0):
     return np.stack([x, 0.0 * x, 3.0 + 0.0 * x], axis=1)
 
 
+@pytest.mark.system
 def test_what_comes_nearer_or_follows_is_not_off_course():
     """Limits: 4 m, 0.5 m nearer within 30 s."""
     rule = only("off course")
@@ -336,6 +340,7 @@ def test_what_comes_nearer_or_follows_is_not_off_course():
     assert path(rule, line(120, 0.0, 9.0), [0.0, 0.0, 3.0], std=2.0) == MODE_RUNNING, "nobody knows where it is"
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("mode", [MODE_HOLDING, MODE_RETURNING])
 def test_what_a_fail_safe_cannot_hold_goes_up(mode):
     assert path(only("off course"), line(60, 0.2), [-1.0, 0.0, 3.0], mode) == MODE_SURFACING
@@ -404,6 +409,7 @@ def test_a_vehicle_without_positions_does_not_lose_them():
 SECOND = {"leak_2": 1.0, "battery_2": 0.05, "altimeter_2": 0.5}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", SECOND)
 def test_the_second_sensor_of_a_kind_is_heeded_while_the_first_says_that_all_is_well(name):
     """They speak in turn: what one says does not undo what the other said."""

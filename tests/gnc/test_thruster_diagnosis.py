@@ -208,6 +208,7 @@ def test_one_of_a_fore_and_an_aft_vertical_thruster_brings_the_vehicle_up_and_co
         assert ability.axes(left)[4] == 0.0 and np.asarray(ability.axes(left))[[0, 1, 2, 5]].all()
 
 
+@pytest.mark.system
 def test_two_of_three_vertical_thrusters_push_no_moment_through_the_horizontal_ones():
     """They have one moment beside heave. For the other, horizontal ones 2 cm below CO once gave 50 N the wrong way."""
     azimuths = np.deg2rad([-35.0, 35.0, 35.0, -35.0])

@@ -316,6 +316,7 @@ def firmware(name, heavy):
     return read_raw(path, SourceSpec.model_validate({"file": name}), heavy), read_records(path, heavy)
 
 
+@pytest.mark.system
 def test_the_firmware_flying_our_twin(heavy):
     """The truth is in the log: SIM (attitude) and SIM2 (position) are what the simulation told the firmware."""
     raw, records = firmware("modes.BIN", heavy)

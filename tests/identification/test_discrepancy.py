@@ -48,6 +48,7 @@ def learning():
     return problem_of(parameters, Gaussian(np.zeros(n), np.eye(n)), [log], (), SETTINGS)
 
 
+@pytest.mark.system
 def test_derivatives_by_weights_and_parameters_are_those_of_the_simulation(learning):
     rng, n = np.random.default_rng(1), len(learning.prior.mean)
     theta = np.concatenate([0.1 * rng.normal(size=3), 0.5 * rng.normal(size=n - 3)])
@@ -80,6 +81,7 @@ def duct(nu, tau):
     return out
 
 
+@pytest.mark.system
 def test_noise_alone_teaches_nothing():
     assert regressed(windows(lambda nu, tau: np.zeros_like(nu))) is None
 
@@ -91,6 +93,7 @@ def of_a_duct():
     return found
 
 
+@pytest.mark.system
 def test_a_duct_is_learned_as_thrust_in_sway_and_predicts_other_windows(of_a_duct):
     found = of_a_duct
     assert [(part.axis, part.of) for part in found.parts] == [("sway", "thrust")]
@@ -154,6 +157,7 @@ def test_it_is_taken_where_predictions_get_better_by_the_margin_and_by_more_than
         assert made.errors["gyro.r"][0] == pytest.approx(1.0)
 
 
+@pytest.mark.system
 def test_tests_too_short_to_be_divided_are_refused_before_minutes_are_spent():
     t, u = axis_steps(VEHICLE, 0, 12.0)
     log = record(VEHICLE.model(), t, u, 12.0)
@@ -171,6 +175,7 @@ def earlier():
     return vehicle_from_dict(file_with(VEHICLE), "earlier.yaml")
 
 
+@pytest.mark.system
 def test_an_earlier_learned_wrench_stays_as_it_was_and_is_written_again(earlier, tmp_path):
     result = identify(VEHICLE, old=earlier)
     assert any("the learned wrench of earlier.yaml stays as it was" in line for line in result.findings)

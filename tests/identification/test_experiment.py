@@ -119,6 +119,7 @@ def test_what_a_model_misses_costs_information(sensed):
     assert np.trace(honest) < 0.5 * np.trace(exact)
 
 
+@pytest.mark.system
 def test_pulls_on_a_scale_narrow_the_prior_of_thrust(vehicle):
     parameters = chosen(vehicle, "thrusters.surge.force_ahead", "thrusters.sway.force_ahead")
     before = default_prior(parameters, vehicle)
@@ -166,6 +167,7 @@ def test_each_further_manoeuvre_makes_no_parameter_less_known(vehicle):
     assert variance_ratio(seen.plan, 2.0 * seen.plan, seen.prior) == pytest.approx(0.25)
 
 
+@pytest.mark.system
 def test_mistakes_are_reported(sensed):
     prior, reported = drawn()
     with pytest.raises(IdentificationError, match=r"found 0.167 minutes, expected at least 0.3"):

@@ -117,6 +117,7 @@ def speeds(result: FreeRunning, dof: str) -> np.ndarray:
     return np.array([run.velocity for run in result.runs if run.dof == dof])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("dof", "tolerance"), [("surge", 0.03), ("sway", 0.03), ("heave", 0.03), ("yaw", 0.03)])
 def test_recovers_the_damping_force(dof: str, tolerance: float) -> None:
     result = free_running(model(), records(dof, 0))

@@ -31,6 +31,7 @@ def moving(parameters, truth, seed, duration):
     return record(model, t, u, duration, seed, SIGNALS)
 
 
+@pytest.mark.system
 def test_derivatives_are_those_of_the_simulation():
     parameters = choose(EVERYTHING, FREE)
     log = moving(parameters, np.zeros(len(parameters)), 0, 6.0)
@@ -43,6 +44,7 @@ def test_derivatives_are_those_of_the_simulation():
     np.testing.assert_allclose(found / scale, exact / scale, atol=0.01)
 
 
+@pytest.mark.system
 def test_it_is_distinguished_from_drag_and_kept(tmp_path):
     parameters = choose(EVERYTHING, FREE)
     truth = np.where(np.isin(parameters.names, [LOSS]), 0.25, 0.0)

@@ -24,6 +24,7 @@ def instant(thrusters):
     return eqx.tree_at(lambda t: t.time_constant, thrusters, jnp.zeros(thrusters.count))
 
 
+@pytest.mark.system
 def test_forces_are_averaged_within_a_step_not_commands(thrusters):
     """Half of a command is a third of the force of a thruster: a mean command bends its curve."""
     full, change = np.full(8, 0.8), 3.25 * STEP  # on from a quarter of the fourth step
@@ -37,6 +38,7 @@ def test_forces_are_averaged_within_a_step_not_commands(thrusters):
     assert np.allclose(impulse[2], 0.0) and np.allclose(impulse[3], 0.75 * settled) and np.allclose(impulse[4], settled)
 
 
+@pytest.mark.system
 def test_a_command_in_the_middle_of_a_step_is_as_late_as_it_is(thrusters):
     """Against steps so short that every change is at the end of one: the lag of a mean command was 0.3 ms too late."""
     rng, fine = np.random.default_rng(1), 20
@@ -54,6 +56,7 @@ def test_a_command_in_the_middle_of_a_step_is_as_late_as_it_is(thrusters):
     np.testing.assert_allclose(impulse, small[: 8 * fine].reshape(8, fine, 6).mean(axis=1), atol=1e-4)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("lagging", [True, False])
 def test_commands_that_come_late_give_the_same_forces_later(thrusters, lagging):
     """By whole steps exactly, at the ends of each of two records their first and last force; none late: unchanged."""
@@ -77,6 +80,7 @@ def test_commands_that_come_late_give_the_same_forces_later(thrusters, lagging):
     np.testing.assert_allclose(slope, around, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("constant", [0.0, 0.05, 0.3])
 @pytest.mark.parametrize("phase", [0.1, 0.35, 0.75])
 def test_a_delay_is_as_long_as_it_says_wherever_commands_begin(thrusters, constant, phase):

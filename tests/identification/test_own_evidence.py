@@ -135,6 +135,7 @@ def test_the_contract_holds_what_is_sound():
     check_evidence(Kind())
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("how", "why"),
     [

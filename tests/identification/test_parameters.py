@@ -226,6 +226,7 @@ def test_a_coupling_of_drag_is_a_lever(alike, name):
         assert np.count_nonzero(np.abs(more) > 1e-9) == 1
 
 
+@pytest.mark.system
 def test_damping_takes_energy_whatever_its_couplings(everything, alike):
     """With shares up to their bounds, either sign, and motion in any direction."""
     rng = np.random.default_rng(0)

@@ -71,6 +71,7 @@ def with_parts(data, parts):
     return vehicle_from_dict(data | {"parts": parts}, "v.yaml")
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_body_that_is_added_never_lowers_a_diagonal(seed):
     data, rng = random_vehicle(seed)
@@ -82,6 +83,7 @@ def test_a_body_that_is_added_never_lowers_a_diagonal(seed):
     np.testing.assert_allclose(gained, change.hydrodynamics["added_mass"], atol=1e-9)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_comes_or_goes_is_what_its_file_says(seed):
     """Beside a vehicle that is held as a part the prediction is the sum of the files.
@@ -99,6 +101,7 @@ def test_what_comes_or_goes_is_what_its_file_says(seed):
             np.testing.assert_allclose(a[own], b[own], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", SEEDS)
 def test_nested_is_flat_at_any_depth(seed):
     data, rng = random_vehicle(seed)
@@ -115,6 +118,7 @@ def test_nested_is_flat_at_any_depth(seed):
     assert predicted_change(old, vehicle_from_dict({"name": "my", "parts": [inner]})).added_mass_std.max() == 0
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", SEEDS)
 def test_there_and_back_nothing_changes(seed):
     """Added and removed, moved there and back, exchanged twice: what was predicted goes under the next."""

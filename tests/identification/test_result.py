@@ -106,6 +106,7 @@ def saved(found, tmp_path):
     return found.save(tmp_path / "identified.nc")
 
 
+@pytest.mark.system
 def test_what_was_saved_is_the_same_to_the_last_bit(found, saved):
     again = Identification.load(saved)
     records = [r | {"source": Path(r["source"]).name} for r in found.records]

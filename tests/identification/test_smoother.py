@@ -20,6 +20,7 @@ def test_without_noise_the_velocity_is_exact() -> None:
     assert np.abs(track.position(t) - x - 500.0).max() < 1e-6
 
 
+@pytest.mark.system
 def test_noise_and_velocity_are_as_uncertain_as_they_say() -> None:
     """100 records of ArUco-like positions, 3 cm at 15 Hz, with a gap."""
     rng = np.random.default_rng(0)

@@ -137,6 +137,7 @@ def test_every_difference_has_a_reason(study):
                 assert line.reason, line.name
 
 
+@pytest.mark.system
 def test_the_command_prints_and_writes_a_report(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["rovtwin", "thesis", "--json", "-o", str(tmp_path / "again")])
     with pytest.raises(SystemExit) as stopped:

@@ -75,12 +75,14 @@ FLIES = """
 """
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGKILL])
 def test_a_terminal_that_is_closed_reaches_all_and_leaves_no_thrust(tmp_path, number):
     """A signal to the whole group of processes, as a dropped ssh or a shutdown sends it."""
     rests_after(lambda process: os.killpg(process.pid, number), tmp_path, new_session=True)
 
 
+@pytest.mark.system
 def test_a_host_that_hangs_holds_nobody_up(tmp_path):
     """Commands are not received then, but sending, stopping and closing return, and closing kills it."""
     link = RemoteLink(Opener(tmp_path / "told"), 3)
@@ -137,12 +139,14 @@ def rests_after(strike, tmp_path, new_session=False):
         process.communicate()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT])
 def test_an_autopilot_that_is_killed_or_hangs_leaves_no_thrust(tmp_path, number):
     """Killed -9, terminated, interrupted, or stopped so that it no longer answers, and still holds the pipe."""
     rests_after(lambda process: process.send_signal(number), tmp_path)
 
 
+@pytest.mark.system
 def test_an_exception_in_the_autopilot_leaves_no_thrust(tmp_path):
     reported = tmp_path / "told"
     process = flying(tmp_path, str(time.monotonic() + 1.0))
@@ -168,6 +172,7 @@ def test_a_computer_that_slept_flies_nothing_on(tmp_path, monkeypatch):
     assert resting(reported)
 
 
+@pytest.mark.system
 def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(tmp_path, monkeypatch):
     """The pipe fills up with readings; commands go on expiring, and the newest readings are kept."""
     monkeypatch.setattr(host, "BACKLOG", 20)
@@ -212,6 +217,7 @@ def press_stop(folder, patience=2.0):
             (folder / "confirmed").unlink()
 
 
+@pytest.mark.system
 def test_stop_leads_past_an_autopilot_that_hangs(tmp_path):
     """Its process is stopped in mid-flight; the vehicle's host is asked itself, and answers when thrusters are off."""
     reported = tmp_path / "told"
@@ -268,6 +274,7 @@ def fly_on(link, over=None):
         time.sleep(0.01)
 
 
+@pytest.mark.system
 def test_stop_while_arming_wins(tmp_path):
     reported = tmp_path / "told"
     with ThreadHosted(Armable(reported, takes=0.6), 3, tmp_path / "stop") as link:

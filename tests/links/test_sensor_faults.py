@@ -72,6 +72,7 @@ class SensorMux:
         return found
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_wrong_readings_never_and_right_ones_again(kind, fault):

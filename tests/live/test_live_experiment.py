@@ -121,6 +121,7 @@ def flight(scenario, tmp_path_factory):
     return flown, reported
 
 
+@pytest.mark.system
 def test_a_test_over_a_link_is_done_and_says_so_as_a_simulated_one(flight):
     flown, _ = flight
     assert flown.completed and flown.figures["test"] and flown.figures["duration_s"] == pytest.approx(15.0)
@@ -206,6 +207,7 @@ def test_only_hands_change_the_spans(scenario, flight):
 # What ends it, and what it needs
 
 
+@pytest.mark.system
 def test_a_link_lost_in_mid_test_stops_the_thrusters_and_keeps_the_log(tmp_path, scenario):
     clock = Clock(SPEED)
     vehicle = Still(clock)
@@ -225,6 +227,7 @@ def test_a_link_lost_in_mid_test_stops_the_thrusters_and_keeps_the_log(tmp_path,
     assert record.duration == pytest.approx(1.6, abs=0.5)
 
 
+@pytest.mark.system
 def test_without_thrust_all_is_computed_and_no_identification_takes_it(tmp_path, scenario):
     clock, run = Clock(SPEED), tmp_path / "run"
     vehicle = Still(clock)

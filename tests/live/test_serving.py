@@ -28,6 +28,7 @@ def run(vehicle: ServedVehicle, seconds: float, **command):
     return [r for _ in range(round(seconds / vehicle.dt)) for r in vehicle.advance(commands)]
 
 
+@pytest.mark.system
 def test_a_vehicle_without_commands_is_at_rest(vehicle):
     for _ in range(50):
         vehicle.advance({})

@@ -47,6 +47,7 @@ def test_an_autopilot_of_ones_own_is_refused_with_the_fix(named):
     assert "pushing" not in sys.modules, "it was run for nothing"
 
 
+@pytest.mark.system
 def test_a_force_of_ones_own_acts_and_the_log_says_which_code_it_was(tmp_path):
     vehicle = ServedVehicle(world_for("gladius_mini", WITH_FORCE, None))
     path = tmp_path / "truth.mcap"
@@ -60,6 +61,7 @@ def test_a_force_of_ones_own_acts_and_the_log_says_which_code_it_was(tmp_path):
     assert code[0] == "pushing:Push" and code[1]["module"] == "pushing" and len(code[1]["sha256"]) == 64
 
 
+@pytest.mark.system
 def test_without_code_of_ones_own_the_log_says_nothing_of_it(tmp_path):
     vehicle = ServedVehicle(world_for("gladius_mini", [], None))
     with truth_log(tmp_path / "truth.mcap", vehicle) as log:

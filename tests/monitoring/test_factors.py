@@ -44,6 +44,7 @@ def test_added_mass_stays_positive_and_damping_takes_energy(name):
         assert np.linalg.eigvalsh(np.asarray(other.inertia + other.inertia.T)).min() > 0.0
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["double_blueye", "tilt_six"])
 def test_slopes_are_those_of_differences(name):
     model, rng = load_vehicle(name).model(), np.random.default_rng(3)

@@ -62,6 +62,7 @@ def fed(vehicle, given, mounts, **how):
     return monitor, text
 
 
+@pytest.mark.system
 def test_it_says_what_the_whole_log_says(flown):
     vehicle, given = flown
     monitor, text = fed(vehicle, given, mounts_of(given))

@@ -35,6 +35,7 @@ def after(name, factors, thruster=None, left=1.0, seed=0):
     return monitor, [change.reading.quantity.name for change in changes(now, none, none)]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("left", [0.0, -1.0])
 @pytest.mark.parametrize(("name", "thruster"), [("double_blueye", "port.surge"), ("blueye_x3", "port")])
 def test_a_thruster_lost_half_way_is_named_with_its_time_and_nothing_else_changes(name, thruster, left):
@@ -57,6 +58,7 @@ def test_a_real_change_is_no_lost_thruster():
     assert np.abs(z).max() < 3.0
 
 
+@pytest.mark.system
 def test_beside_a_lost_thruster_a_real_change_is_still_found():
     monitor, changed = after("double_blueye", {"drag.surge": 0.6}, "port.sway", -1.0)
     assert [lost.name for lost in monitor.lost] == ["port.sway"]

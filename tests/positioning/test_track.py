@@ -59,6 +59,7 @@ def test_the_smoother_knows_how_good_it_is():
     assert (smoothed.std[N // 2, 3:] < tracked("ekf")[0].std[N // 2, 3:]).all()
 
 
+@pytest.mark.system
 def test_a_wrong_sighting_that_the_filter_took_is_left_out_by_the_smoother():
     pytest.importorskip("gtsam")
     d = cut(drive(), 60)
@@ -74,6 +75,7 @@ def test_a_wrong_sighting_that_the_filter_took_is_left_out_by_the_smoother():
     assert rms(smoothed.position, d.position) < 0.01
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("method", ["ekf", "smoother"])
 def test_fixes_of_single_frames_have_independent_errors_of_the_size_they_say(method):
     if method == "smoother":

@@ -43,6 +43,7 @@ def between(series, start, end):
     return series.values[(t >= start - 1e-6) & (t < end - 1e-6)]
 
 
+@pytest.mark.system
 def test_the_plant_does_what_the_faults_say(flight):
     thrust = flight.log["truth/thrust"]
     late = thrust.t > 6.9

@@ -83,12 +83,14 @@ def during(log, what, channel):
     return values[inside]
 
 
+@pytest.mark.system
 def test_a_test_is_done_and_says_so(flight):
     assert flight.completed and flight.figures["test"] and flight.figures["duration_s"] == pytest.approx(36.0)
     assert flight.figures["nees_position_mean"] is None and flight.figures["effort_n2s"] > 0
     assert verdict(Seen(flight.log)).headline == "Test done in 36 s"
 
 
+@pytest.mark.system
 def test_a_test_that_touched_the_floor_says_so_in_summary_terminal_and_report(flight, capsys):
     """The planned test of a bluerov2_heavy did, twice, and identify only found that its stretches disagree."""
     assert flight.figures["touched"] == []
@@ -266,6 +268,7 @@ def test_shipped_tests_compose_and_end_in_time():
 LIBRARY_TESTS = [name for name in list_scenarios() if load_scenario(name).test]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("vehicle", [*list_library(), "no_sway"])
 @pytest.mark.parametrize("name", LIBRARY_TESTS)
 def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name, vehicle, no_sway):

@@ -110,6 +110,7 @@ def test_a_disc_that_a_pilot_leaves_alone_meets_the_current_with_its_bow(tmp_pat
     assert np.hypot(eta["x"], eta["y"])[last].max() < 2.0
 
 
+@pytest.mark.system
 def test_a_current_faster_than_the_vehicle_is_refused_with_both_numbers(capsys):
     model, scenario = load_vehicle("double_blueye").model(), load_scenario("square", ["world.current=[0, 2, 0]"])
     with pytest.raises(ConfigError) as error:

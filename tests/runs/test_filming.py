@@ -41,6 +41,7 @@ def run(tmp_path_factory):
     return fly(parse(Scenario, SCENARIO, "filmed"), folder, camera=True, film=True)
 
 
+@pytest.mark.system
 def test_a_run_leaves_pictures_lens_and_layout(run):
     taken = np.array([t for t, _ in read_pictures(run.folder / "port_camera.mcap")])
     assert 15 < len(taken) < 24  # a tenth is lost

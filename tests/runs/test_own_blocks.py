@@ -278,6 +278,7 @@ def scenario(section, *more):
     return rovtwin.load_scenario(load_scenario("square").model_dump(mode="json") | {"autopilot": section}, [*more])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("section", "why"),
     [
@@ -324,6 +325,7 @@ def test_what_cannot_fly_is_refused_in_words_before_anything_flies(package, sect
         compose(scenario(section))
 
 
+@pytest.mark.system
 def test_by_address_by_entry_point_and_handed_over_they_fly_alike(package):
     import own_control
 
@@ -342,6 +344,7 @@ def test_settings_and_what_is_offered_reach_it(package):
     assert run.loop.autopilot.guarded and not compose(scenario({"type": "model_based"})).loop.autopilot.guarded
 
 
+@pytest.mark.system
 def test_seeds_share_the_program_and_a_log_says_what_flew(package, tmp_path):
     rows = score_seeds(scenario({"controller": "springs"}, "duration=4"), [1, 2])
     assert len(rows) == 2
@@ -352,6 +355,7 @@ def test_seeds_share_the_program_and_a_log_says_what_flew(package, tmp_path):
     assert again.autopilot.controller.block == "springs" and again.autopilot == flight.scenario.autopilot
 
 
+@pytest.mark.system
 def test_what_is_no_number_aborts_and_turns_thrusters_off(package):
     flight = rovtwin.fly(
         "square", overrides=QUICK, autopilot={"controller": "own_control:Failing"}, say=lambda line: None
@@ -374,6 +378,7 @@ def ticks(autopilot, run, requests, memory=None):
     return memory, np.array([output.command.u for output in outputs]), outputs
 
 
+@pytest.mark.system
 def test_thrusters_are_off_whatever_an_allocation_gives(package):
     run = compose(scenario({"allocation": "own_control:Biased"}))
     _, u, _ = ticks(run.loop.autopilot, run, [PAUSE, PAUSE, NO_REQUEST, NO_REQUEST, ABORT, NO_REQUEST])
@@ -382,6 +387,7 @@ def test_thrusters_are_off_whatever_an_allocation_gives(package):
     assert (u[4:] == 0.0).all(), "aborted"
 
 
+@pytest.mark.system
 def test_once_no_number_aborts_leaves_the_estimate_and_can_be_armed_again(package):
     run = compose(scenario({"controller": "own_control:Once"}))
     autopilot, at = run.loop.autopilot, round(1.0 / run.scenario.control_dt)
@@ -397,6 +403,7 @@ def test_once_no_number_aborts_leaves_the_estimate_and_can_be_armed_again(packag
     assert [int(output.setpoint.phase) for output in outputs] == [PAUSED] * 3 and (u != 0.0).any(axis=1).all()
 
 
+@pytest.mark.system
 def test_the_console_starts_again_after_one_that_was_no_number(package):
     section = {"controller": "own_control:Once"}
     run = compose(scenario(section))
@@ -408,6 +415,7 @@ def test_the_console_starts_again_after_one_that_was_no_number(package):
         assert int(helm.output.setpoint.reason) == NOT_A_NUMBER
 
 
+@pytest.mark.system
 def test_a_force_that_is_no_number_is_named(package):
     square = load_scenario("square").model_dump(mode="json")
     world = square["world"] | {"forces": ["own_control:Breeze", "own_control:Gust"]}
@@ -420,6 +428,7 @@ def test_a_force_that_is_no_number_is_named(package):
     assert np.isfinite(command).all()
 
 
+@pytest.mark.system
 def test_a_whole_autopilot(package, tmp_path):
     """One's own block in place of all: here ours with another spring."""
     mine = compose(scenario({"controller": "springs"})).loop.autopilot
@@ -432,6 +441,7 @@ def test_a_whole_autopilot(package, tmp_path):
         rovtwin.fly("square", autopilot=sys.modules["own_control"].READY)
 
 
+@pytest.mark.system
 def test_an_observer_whose_estimate_is_no_number_is_named(package):
     section = {"observer": "own_control:Lost", "controller": "springs"}
     flight = rovtwin.fly("square", overrides=QUICK, autopilot=section, say=silent)
@@ -439,6 +449,7 @@ def test_an_observer_whose_estimate_is_no_number_is_named(package):
     assert flight.figures["why"].startswith(f"autopilot.observer: own_control:Lost gave {NO_NUMBER} 1.0")
 
 
+@pytest.mark.system
 def test_a_whole_autopilot_that_gives_no_number_is_turned_off(package):
     """In the same tick, as a single block; its command is cut, and who arms again tries it again."""
     import own_control

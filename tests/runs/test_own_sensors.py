@@ -242,6 +242,7 @@ def test_an_observer_of_ones_own_reads_it():
     np.testing.assert_array_equal(run.loop.autopilot.observer.lever, [0.1, 0.0, 0.2])
 
 
+@pytest.mark.system
 def test_the_contract_names_what_is_wrong():
     made = {name: own_sensor(OwnSensorSection(kind=f"probes:{name}"), "here") for name in ("Probe", "Short", "Nothing")}
     check_sensor(made["Probe"])

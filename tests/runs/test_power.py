@@ -83,6 +83,7 @@ def flight():
     return twin, jax.device_get(jax.jit(fly)(twin))
 
 
+@pytest.mark.system
 def test_work_is_kinetic_and_potential_energy_and_what_is_lost(flight):
     """Calm water, surface broken, floor and walls not touched, battery and all sensors on: closed to 1e-6."""
     _, (state, _, (position, attitude, nu), energy) = flight

@@ -35,6 +35,7 @@ def delivered(k: int) -> list[Measurement]:
     return [*readings, Measurement("pressure", np.array([0.5 + 0.001 * k]), t)]
 
 
+@pytest.mark.system
 def test_steps_are_those_of_the_block_and_so_is_what_is_left_for_the_log(parts):
     autopilot, memory, slots, dt = parts
     host = HostAutopilot(*parts)
@@ -65,6 +66,7 @@ def test_an_operator_is_obeyed(parts):
     assert host.phase == ABORTED and not command.u.any()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("above", "phase"), [((6.0, 0.0, 0.0), SURFACING), ((0.0, 61.0, 0.0), HELD), ((0.0, 0.0, 6.0), SURFACING)]
 )

@@ -87,6 +87,7 @@ def test_a_run_never_overwrites_another(flight, short):
         fly(short, flight.folder)
 
 
+@pytest.mark.system
 def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     """The same blocks in a Python loop on a host that comes late: what the vehicle does agrees to rounding."""
     simulation = compose(short)
@@ -108,6 +109,7 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     np.testing.assert_array_equal(compiled.measurements["gyro"].valid, ticked.measurements["gyro"].valid)
 
 
+@pytest.mark.system
 def test_a_long_run_goes_on_with_the_optimised_program_where_it_was(short, monkeypatch):
     """The only test of the optimised program: the others turn that off for all (tests/conftest.py)."""
     static = {"static_argnames": ("layouts", "ticks", "control_dt"), "donate_argnames": "memory"}
@@ -167,6 +169,7 @@ def test_whole_missions_have_the_same_verdict_alone_and_in_a_batch(name):
     assert verdicts[0] == verdicts[1]
 
 
+@pytest.mark.system
 def test_the_log_and_the_summary_of_a_mismatch_hold_what_was_drawn(short, flight, tmp_path):
     """Else nobody could check the intervals of an identification against the vehicle that flew."""
     assert flight.log.metadata["mismatch"] == "" and flight.figures["mismatch"] is None
@@ -191,6 +194,7 @@ def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):
     assert np.all(flight.log["autopilot/command"].values[-1] == 0.0)
 
 
+@pytest.mark.system
 def test_a_dead_thruster_is_felt(short):
     sound = fly(short).log["truth/thrust"]
     faulty = fly(
@@ -201,6 +205,7 @@ def test_a_dead_thruster_is_felt(short):
     assert np.max(np.abs(thrust["port_heave"])) == 0.0 and np.max(np.abs(thrust["starboard_heave"])) > 0.1
 
 
+@pytest.mark.system
 def test_scores_do_not_depend_on_what_is_logged(flight, short):
     sparse = fly(short.model_copy(update={"log": short.log.model_copy(update={"rate": 1, "sensors": False})}))
     assert sparse.figures == flight.figures

@@ -37,6 +37,7 @@ def test_where_a_mission_wants_to_be():
     assert len(places(in_a_sea())) == 1 and all(asked for *_, asked in found)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("words", [["square", "mission.waypoints=[{position: [0, 0, 3]}]"], ["test_mixed"]])
 def test_a_heading_that_nobody_asks_for_is_reported_to_be_the_start_s(words):
     report = sea_report(compose(load_scenario(words[0], [*words[1:], "vehicle=bluerov2", "start.heading_deg=40"])))
@@ -52,6 +53,7 @@ def test_moving_water():
     assert [name for name in (*moving, "lawnmower_calm", "lawnmower_waves") if moves(load_scenario(name))] == [*moving]
 
 
+@pytest.mark.system
 def test_the_claim_of_the_thesis():
     """Hs 4.1 m, Tz 8.7 s, 3 m deep: half a newton by the thesis, tens of newtons in a real sea, 20 N of thrust."""
     for vehicle, low, high in (("double_blueye", 80, 114), ("double_blueye_thesis", 40, 60)):
@@ -71,6 +73,7 @@ def test_a_thesis_sea_that_no_water_could_have_is_refused():
     assert report["real_sea"]["verdict"] is None and "break" in report["real_sea"]["line"]
 
 
+@pytest.mark.system
 def test_lines():
     assert "cannot hold" in verdict(compose(in_a_sea(current=0.5)))[1]
     assert "tip it over" in verdict(compose(in_a_sea(current=0.3, vehicle="double_blueye_thesis")))[1]
@@ -81,6 +84,7 @@ def test_lines():
     assert "cannot hold: takes" in verdict(compose(load_scenario("lawnmower_calm", ["world.net_buoyancy=80"])))[1]
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("error")
 def test_without_sway_it_turns_into_the_current():
     """A cross current cannot be stemmed at the heading that is asked for; from ahead it can, up to its top speed."""
@@ -99,6 +103,7 @@ def test_without_sway_it_turns_into_the_current():
     assert fast["verdict"] == "drifts"
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("vehicle", list_library())
 def test_no_warning_of_numpy_on_any_vehicle(vehicle):

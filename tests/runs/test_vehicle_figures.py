@@ -6,6 +6,7 @@ from rovtwin.runs.vehicle_figures import compared, devices_load, key_figures
 from rovtwin.vehicle import list_devices, list_library, load_vehicle, summary, vehicle_from_dict
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", [*list_library(), "uhi"])
 def test_the_figures_are_those_of_vehicle_show(name):
     vehicle = load_vehicle(name)

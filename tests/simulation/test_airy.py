@@ -104,6 +104,7 @@ def test_spectra_of_surface_and_of_velocity_at_depth(half_an_hour):
 # -- the equations of the water
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS)
 def test_gradient_and_rate_are_those_of_the_velocity(sea):
     phase, place, t = phase_of(sea), jnp.array([3.0, -4.0, 2.0]), jnp.array(7.0)

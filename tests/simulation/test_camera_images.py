@@ -117,6 +117,7 @@ def check_corners(picture, scene, camera, kind, aside=0.05):
     assert np.sqrt((off**2).sum(axis=1).mean()) < MOST[kind], "apart: corners from projection"
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", LENSES)
 def test_corners_come_out_where_projection_has_them(name, kind):
@@ -140,6 +141,7 @@ WRONG = {
 }
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("what", WRONG)
 def test_a_picture_through_another_lens_is_detected_by_its_corners(what, kind):
@@ -149,6 +151,7 @@ def test_a_picture_through_another_lens_is_detected_by_its_corners(what, kind):
         check_corners(picture, chess(), replace(LEFT, lens=other), kind)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -173,6 +176,7 @@ class Board(Chess):
     AHEAD = property(lambda self: self.AWAY + LEFT.position[0])
 
 
+@pytest.mark.system
 @gl_here
 @pytest.mark.parametrize("away", [0.5, 1.0, 5.0])
 def test_a_port_is_drawn_for_the_range_that_is_seen(away, monkeypatch):
@@ -196,6 +200,7 @@ def detected(picture):
     return {int(k): c[0] for k, c in zip([] if ids is None else ids.ravel(), corners, strict=False)}
 
 
+@pytest.mark.system
 def test_markers_are_detected_with_their_ids_near_where_projection_has_them():
     scene = load_scene("pool")
     found = detected(renderer(scene, SMALL, "raycast").image(PLACE, LEVEL))
@@ -209,6 +214,7 @@ def test_markers_are_detected_with_their_ids_near_where_projection_has_them():
         assert np.abs((corners - true).mean(axis=0)).max() < 0.3
 
 
+@pytest.mark.system
 @gl_here
 def test_both_renderers_agree_on_marker_corners_and_on_brightness():
     scene = load_scene("pool")

@@ -200,6 +200,7 @@ def test_attitude_stays_wrapped():
     assert (psi > 3).any() and (psi < -3).any()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", SENSORS)
 def test_gradient_of_a_reading_is_finite(kind):
     """With respect to the sensor's parameters, the vehicle's state and its acceleration; the bias's is one."""

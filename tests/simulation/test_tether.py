@@ -309,6 +309,7 @@ def energy_of_a_body_between(tethers, mass, velocity):
     return energy(memory), jax.lax.scan(tick, memory, jnp.arange(1500))[1]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("sides", [(1.0,), (1.0, -1.0)])
 @pytest.mark.parametrize("stretch", [0.0, 1.5e-3])
 def test_a_body_on_taut_cables_gains_no_energy(sides, stretch):

@@ -60,6 +60,7 @@ def rows(slot):
     return np.asarray(slot.value)[valid], np.asarray(slot.t_valid)[valid], tick[valid]
 
 
+@pytest.mark.system
 def test_every_sensor_delivers_all_its_readings(twin, flight):
     for name, slot in flight[0][1].measurements.items():
         sensor = twin.sensors[name]
@@ -74,6 +75,7 @@ def test_every_sensor_delivers_all_its_readings(twin, flight):
         assert np.isfinite(slot.value).all()
 
 
+@pytest.mark.system
 def test_ideal_sensors_read_the_truth_of_the_same_instant():
     """Without noise, what is valid at the end of a tick is the state that the tick returns, in waves and current."""
     kinds = {"position": 50.0, "pressure": 50.0, "accelerometer": 100.0, "gyro": 50.0, "attitude": 50.0, "dvl": 50.0}
@@ -116,6 +118,7 @@ def test_same_seed_same_bits_other_seed_other_noise(run, flight):
     assert np.abs(flight[0][1].environment.wrench - flight[1][1].environment.wrench).max() > 0.1
 
 
+@pytest.mark.system
 def test_tick_by_tick_is_the_scan(twin, flight):
     step = jax.jit(lambda memory, k: twin.step(memory, TwinInput(command(k), k), DT))
     memory = twin.init(KEYS[0], START)
@@ -154,6 +157,7 @@ def test_a_crowd_of_different_vehicles(twin):
     assert np.abs(together[0, -1] - together[1, -1]).max() > 1e-4
 
 
+@pytest.mark.system
 def test_conditions_on_the_clock_survive_vmap(twin):
     """Were one turned into a select, a thousand vehicles would draw random numbers in every step."""
 
@@ -181,6 +185,7 @@ def test_empty_has_the_shape_of_what_is_measured(twin, flight):
     assert jax.tree.map(jnp.shape, twin.empty()) == jax.tree.map(jnp.shape, measured)
 
 
+@pytest.mark.system
 def test_a_minute_of_calm_water_in_a_crowd_agrees_to_a_nanometre():
     twin = Twin(vehicle(), World(), table_5_7())
     state = jax.jit(lambda key: fly(twin, key, 3000)[1].state)(KEYS[1])

@@ -28,6 +28,7 @@ def drawn(seed, of=("motion", "thrust"), count=4):
     return discrepancy_from(LearnedDiscrepancy.model_validate(block(parts)), T, "drawn.yaml", 1.0)
 
 
+@pytest.mark.system
 @settings(max_examples=60, deadline=None)
 @given(seeds)
 def test_motion_and_damping_together_never_give_energy(seed):
@@ -51,6 +52,7 @@ def _powers(model, learned, nu):
     return jax.vmap(one)(nu)
 
 
+@pytest.mark.system
 def test_energy_is_really_taken_off_somewhere():
     """Else the test above would hold of a wrench that never pushes."""
     learned, nu = drawn(1, of=("motion",), count=6), np.random.default_rng(0).normal(size=(300, 6))
@@ -106,6 +108,7 @@ def test_mean_and_variance_are_those_of_a_gaussian_process():
     assert float(discrepancy_variance(learned, nu, jnp.zeros(6))[axis]) == pytest.approx(variance[0, 0], rel=1e-5)
 
 
+@pytest.mark.system
 def test_it_is_in_the_equations_of_motion_under_gradients_and_batches():
     vehicle = vehicle_from_dict(file_with(load_vehicle("double_blueye")))
     model = vehicle.model()

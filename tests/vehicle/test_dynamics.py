@@ -250,6 +250,7 @@ def test_rigid_body_matrix_is_the_textbooks(seed):
     assert nu @ np.asarray(M) @ nu == pytest.approx(m @ speed2)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("around", [{}, {"surface": jnp.zeros(())}, {"gradient": jnp.eye(3) * 0.01}])
 def test_single_precision_stays_single_where_a_batch_asks_for_it(around):
     """A graphics processor is many times as fast in float32: nothing on the way may fall back to float64."""

@@ -194,6 +194,7 @@ def test_a_request_that_cannot_be_met_is_refused_before_anything_is_compiled(sce
         tune(TuningRequest(**given))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("budget", "pace", "message"),
     [
@@ -247,6 +248,7 @@ def test_failed_flights_are_listed_with_the_run_s_own_reason():
     assert failures(figures).endswith("; and 3 more") and failures([FIGURES]) == ""
 
 
+@pytest.mark.system
 def test_fleets_share_no_plant_and_no_noise_and_are_drawn_again_alike(scenario):
     plants, seas = plants_of(scenario), seas_of(("calm",), scenario)
     fleets = [
@@ -277,6 +279,7 @@ def test_own_mismatch_is_what_plants_are_drawn_from():
     assert float(plant.linear_damping_ahead[0, 0]) != float(model.linear_damping_ahead[0, 0])
 
 
+@pytest.mark.system
 def test_identified_covariance_is_what_plants_are_drawn_from(tmp_path):
     path = identified_vehicle(tmp_path / "identified.yaml")
     plants = plants_of(load_scenario("lawnmower_calm", ["autopilot=model_based", f"vehicle={path}"]))

@@ -53,6 +53,7 @@ def test_track_writes_a_log_and_says_how_good_it_is(recorded):
     assert log["track/eta"].values[-1, 0] == pytest.approx(0.06, abs=0.02)
 
 
+@pytest.mark.system
 def test_track_with_json_and_a_layout(recorded):
     from tests.positioning.images.test_video import LAYOUT
 
@@ -76,6 +77,7 @@ def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
     assert Log.read(recorded / "track.mcap").metadata["track_scale_std"] == "0.01"
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("more", "message"),
     [
@@ -102,6 +104,7 @@ def test_a_video_of_another_size_than_the_cameras_and_none_at_all_are_named(reco
     assert "found no video, expected port_camera.mcap, starboard_camera.mcap" in str(result.exception)
 
 
+@pytest.mark.system
 def test_calibrate_writes_a_camera_file_and_a_figure(tmp_path):
     poses = [([0, 0, 0], [0, 0, 0.3]), ([0.4, 0, 0], [-0.08, 0.05, 0.34]), ([-0.4, 0.1, 0.1], [0.08, -0.05, 0.34])]
     for k, (turn, shift) in enumerate(poses):

@@ -63,6 +63,7 @@ def test_missing_readings_are_named(model):
         off_time(model, Record("drill", record.t_command, record.command, cut, END), YAW, push.u, BEGAN, EVENT, END)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["double_blueye", "bluerov2_heavy", "gladius_mini", "blueye_pioneer", "sparus_ii"])
 def test_every_vehicle_has_a_push_for_every_exercise(name):
     model = load_vehicle(name).model()

@@ -95,6 +95,7 @@ JUNK = [
 ]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("text", JUNK, ids=lambda text: text[:40])
 def test_junk_is_refused_with_an_answer(desk, text):
     page = desk.come("b1")
@@ -107,6 +108,7 @@ def test_junk_is_refused_with_an_answer(desk, text):
     assert obey(desk, page, {"id": 2, "do": "stop"})["ok"]
 
 
+@pytest.mark.system
 def test_plans_are_laid_for_the_vehicle_that_is_flown(tmp_path, monkeypatch):
     """Faster than the Double Blueye could, also where the scenario describes the vehicle itself."""
     monkeypatch.setattr(hub, "Client", FakeClient)

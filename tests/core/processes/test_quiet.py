@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from rovtwin.core.processes.quiet import Banner
 
 WORDS = b"""E1125 03:10:00.0 77 slow_operation_alarm.cc:73]
@@ -46,6 +48,7 @@ def test_what_xla_writes_while_it_compiles_loses_its_banner_only():
     assert sorted(lines[:-1]) == sorted([ERROR, b"python\n"]) and lines[-1] == b"after\n"
 
 
+@pytest.mark.system
 def test_jax_tells_of_a_compilation():
     """The names of the events, which JAX does not promise; without them the banner is seen again."""
     code = """

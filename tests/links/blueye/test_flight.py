@@ -105,6 +105,7 @@ def flown(tmp_path_factory):
     return flights(tmp_path_factory.mktemp("flown"), {"mission": (small(), {})}, 6.0)
 
 
+@pytest.mark.system
 def test_a_small_lawnmower_over_the_protocol(flown):
     found, truth, text = flown
     flight = found["mission"]

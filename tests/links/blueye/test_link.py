@@ -390,6 +390,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.system
 def test_client_that_is_killed_thrusts_no_longer_than_the_watchdog(served):
     """kill -9: no farewell, half-open connections, nothing but silence."""
     pilot = subprocess.Popen([sys.executable, "-c", PILOT, PORT], stdout=subprocess.PIPE)

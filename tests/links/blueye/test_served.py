@@ -60,11 +60,13 @@ def surge(drones: list[Drone], share: float) -> None:
         drone.motion.set_surge(share)
 
 
+@pytest.mark.system
 def test_both_drones_connect_and_are_in_control(drones):
     assert all(drone.connected and drone.in_control for drone in drones)
     assert len({drone.serial_number for drone in drones}) == 2
 
 
+@pytest.mark.system
 def test_they_dive_and_telemetry_is_the_truth(twin: ServedTwin, drones):
     began = twin.eta[2]
     for drone in drones:

@@ -29,6 +29,7 @@ def read(pairs: list[tuple[str, bytes]], sensor: str) -> list[np.ndarray]:
     return [v for name, payload in pairs for s, v in readings.parse_telemetry(name, payload) if s == sensor]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("drift", [-1e-3, -1e-5, 0.0, 1e-5, 1e-3])
 def test_no_reading_is_lost_at_the_sensors_own_rate(drift):
     """Its clock may be fast or slow."""

@@ -21,6 +21,7 @@ def benches(tmp_path_factory):
         yield {"blueye": blueye, "mavlink": mavlink}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.id)
 def test_thrusters_rest_in_time(benches, case):
     perform(benches[case.bench], case, patient=True, again=False)

@@ -98,6 +98,7 @@ def test_arms_in_manual_and_flies():
             link.arm()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("firmware", "turned"), [((4, 5), [0.3, -0.2]), ((4, 1), [0.0, 0.0])])
 def test_rolls_and_pitches_as_the_version_does(firmware, turned, monkeypatch):
     """By microseconds, without the pilot's gain, from 4.5 on; not at all before."""
@@ -113,6 +114,7 @@ def test_rolls_and_pitches_as_the_version_does(firmware, turned, monkeypatch):
     assert ("ArduSub 4.1 does not roll and pitch" in " ".join(warned)) == (firmware == (4, 1))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("silent", [512, 520])
 def test_the_version_is_asked_for_in_either_way(silent, monkeypatch):
     monkeypatch.delitem(COMMANDS, silent)
@@ -121,6 +123,7 @@ def test_the_version_is_asked_for_in_either_way(silent, monkeypatch):
         assert link.firmware == (4, 5)
 
 
+@pytest.mark.system
 def test_a_vehicle_that_does_not_say_what_its_sticks_do_is_not_armed(monkeypatch):
     for number in (512, 520):
         monkeypatch.delitem(COMMANDS, number)
@@ -178,6 +181,7 @@ def test_the_gain_in_force_counts_and_its_changes_are_reported():
     assert unreported.firmware is None, "0 is no version"
 
 
+@pytest.mark.system
 def test_wrench_arrives_at_the_vehicle():
     """Commands that six axes can say give the served vehicle the forces that they give by themselves."""
     heavy = mixer(load_vehicle("bluerov2_heavy").model().thrusters)
@@ -257,6 +261,7 @@ def kinds_sent(link):
     return sent
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("end", ["stop", "close", "refused"])
 def test_unarmed_link_leaves_the_vehicle_to_its_pilot(end):
     with linked() as (served, link):

@@ -62,6 +62,7 @@ class Feeding:
         self.served.feed(self.t, readings(self.t))
 
 
+@pytest.mark.system
 @pytest.mark.skipif(
     importlib.util.find_spec("rclpy") is None, reason="no rclpy: see the extra 'test' in pyproject.toml"
 )
@@ -222,6 +223,7 @@ def test_garbage_moves_nothing_and_the_server_goes_on():
     assert not served.commands[-1].armed, "the server ended with the vehicle armed"
 
 
+@pytest.mark.system
 @pytest.mark.skipif(
     importlib.util.find_spec("rclpy") is None, reason="no rclpy: see the extra 'test' in pyproject.toml"
 )

@@ -75,6 +75,7 @@ def test_readings_go_there_and_commands_come_back_and_expire():
     protocols.close()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_server_that_is_killed_or_hangs_commands_nothing_and_does_not_hold_up_physics(number):
     with Protocols([Echo()], [""]) as protocols:

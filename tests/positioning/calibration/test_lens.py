@@ -59,6 +59,7 @@ def images(tmp_path_factory):
     return paths
 
 
+@pytest.mark.system
 def test_the_lens_comes_back(images, tmp_path):
     result = calibrate(images, BOARD, SQUARE)
     assert len(result.used) == 5 and result.rms < 0.15

@@ -106,6 +106,7 @@ def test_the_covariance_is_honest_over_seeds():
     assert 1.68 < np.mean(three) < 4.70
 
 
+@pytest.mark.system
 def test_no_claim_is_made_that_the_errors_contradict():
     """One run, known places: NEES averages over hundreds of frames to about its degrees of freedom."""
     out, d = go(seen(), layout=LAYOUT, pixel=0.2, acceleration=0.07)

@@ -68,6 +68,7 @@ def test_all_figures_fit_on_one_sheet(rows):
         assert 0.0 < y < 1.0
 
 
+@pytest.mark.system
 def test_figures_beyond_all_measure_go_on_to_a_second_sheet():
     sheets, size = first_sheet(certificate(rows=400))
     assert len(sheets.pages) > 1 and size == SIZES[-1]

@@ -107,6 +107,7 @@ def words_of(path):
     return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", text)))
 
 
+@pytest.mark.system
 def test_the_page_has_all_its_parts_and_its_figures_lie_beside_it(page):
     path, text = page
     assert path.name == "report.html"
@@ -360,6 +361,7 @@ def test_the_report_of_a_real_estimate(vehicle, tmp_path):
     }
 
 
+@pytest.mark.system
 def test_a_learned_wrench_has_a_section_with_its_comparison(result, tmp_path):
     part = random_part(np.random.default_rng(0), "sway", "thrust")
     words = "learned wrench changes the error of predictions over 5 s by -37.6 % +- 6.9: taken"

@@ -312,12 +312,14 @@ def paint(log):
         figure.draw_without_rendering()
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("error")
 def test_nan_in_the_data(coarse):
     rng = np.random.default_rng(0)
     paint(changed(coarse, lambda values: np.where(rng.random(values.shape) < 0.3, np.nan, values)))
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("error")
 def test_run_that_diverged(coarse):
     def explode(values):
@@ -328,11 +330,13 @@ def test_run_that_diverged(coarse):
     paint(changed(coarse, explode))
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("error")
 def test_all_zero(coarse):
     paint(changed(coarse, lambda values: 0.0 * values))
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("error")
 def test_stopped_after_one_tick(log):
     data = {name: (log[name].t[:1], log[name].values[:1]) for name in log.channels}
@@ -348,6 +352,7 @@ def test_metadata_that_cannot_be_read(log, text):
     assert flight.summary == {} and flight.waypoints == [] and flight.wave_direction is None
 
 
+@pytest.mark.system
 def test_figures_in_threads(coarse):
     with ThreadPoolExecutor(2) as pool:
         for drawn in pool.map(figures, [coarse, coarse]):

@@ -51,6 +51,7 @@ def page(folder):
     return Page(write_report(synthetic(dt=0.5), folder).read_text())
 
 
+@pytest.mark.system
 def test_page_needs_no_network(page, folder):
     outside = [link for link in page.links if not link.startswith(("data:image/png;base64,", "#", "figures/"))]
     assert outside == []

@@ -123,6 +123,7 @@ def test_forces_have_bands_where_a_file_was_identified(files):
     assert len(agreement(both)) == 2
 
 
+@pytest.mark.system
 def test_the_command_prints_tables_and_writes_the_report(tmp_path, monkeypatch, capsys):
     before, after = tmp_path / "before.yaml", tmp_path / "after.yaml"
     before.write_text(to_yaml(identified(), "a test"))
