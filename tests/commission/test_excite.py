@@ -215,10 +215,10 @@ def test_the_fence_lies_between_the_planned_path_and_the_walls():
     model, tank = load_vehicle("double_blueye").model(), Tank(6.0, 3.0, 1.5)
     position = np.array([[0.0, 0.0, 0.75], [1.0, -0.2, 0.8]])
     flown = SimpleNamespace(position=position, attitude=np.tile([1.0, 0, 0, 0], (2, 1)))
-    half, deepest, touches = room.fence(model, flown, tank)
+    half, deepest = room.fence(model, flown, tank)
     reach = np.abs(np.asarray(model.hull.corners)).max(axis=0)
     assert half == pytest.approx([0.5 * (1.0 + 3.0 - reach[0]), 0.5 * (0.2 + 1.5 - reach[1])])
-    assert touches == pytest.approx([3.0 - reach[0], 1.5 - reach[1]])
+    assert tank.touches(model, flown) == pytest.approx([3.0 - reach[0], 1.5 - reach[1]])
     assert 0.8 < deepest < tank.depth - np.asarray(model.hull.corners)[:, 2].max()
     beyond = SimpleNamespace(position=position + [5.0, 0, 0], attitude=flown.attitude)
     assert room.fence(model, beyond, tank)[0][0] == pytest.approx(6.0), "never inside the path"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,6 +40,20 @@ def test_the_distance_to_walls_counts_every_side():
     assert tank.nearest(path) == (pytest.approx(0.01), 3)
     assert tank.nearest(path[:3]) == (pytest.approx(0.05), 2)
     assert tank.nearest(middle + np.array([[[3.5, 0, 0]]]))[0] == pytest.approx(-0.5)
+
+
+def test_a_path_leaves_room_for_a_fence_that_positions_can_hold():
+    """Two of sixteen plans in the thesis's tank came so near to a wall that no fence could watch over them."""
+    model, tank = load_vehicle("double_blueye").model(), Tank(6.0, 3.0, 1.5)
+    out = 1.5 - float(np.abs(np.asarray(model.hull.corners))[:, 1].max())
+    east = np.array([0.0, out - 0.16, out - 0.14, 0.16 - out, 0.14 - out])
+    position = np.stack([np.zeros(5), east, np.full(5, 0.75)], axis=1).repeat(5, axis=0)
+    flown = SimpleNamespace(t=np.arange(25.0), position=position, attitude=np.tile([1.0, 0, 0, 0], (25, 1)))
+    assert set(tank.past_a_fence(model, flown, 0.03)) == {*range(10, 15), *range(20, 25)}
+    assert len(tank.past_a_fence(model, flown, 0.0)) == 0
+    tank.require_fence(model, 0.03)
+    with pytest.raises(ConfigError, match=r"err by 0.5 m .* 6x3x1.5 no fence .* qtm://"):
+        tank.require_fence(model, 0.5)
 
 
 def test_candidates_excite_only_what_thrusters_push():

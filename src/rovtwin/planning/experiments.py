@@ -119,20 +119,22 @@ def plan_tests(
         progress: Told what is being done and how far it is, 0 to 1.
         by_hand: Whether somebody is there who tilts the vehicle for releases.
         positions: What is other of the sensor of positions, as in a scenario's `sensors.position`, than of motion
-            capture.
+            capture. Where it is given, the plan leaves room for a fence that such positions can hold.
 
     Raises:
-        ConfigError: The vehicle does not fit the tank, or no candidate does.
+        ConfigError: The vehicle does not fit the tank, no candidate does, or positions err too much for a fence.
         IdentificationError: Too little time for a single manoeuvre.
     """
     model = vehicle.model()
     scales = ExperimentScales.of(model)
     pool = candidates(scales, seed, by_hand)
     require_possible(vehicle, scales, tank, bool(pool))
+    sensor = {**MOTION_CAPTURE, **(positions or {})}
+    errs = 0.0 if positions is None else float(np.max(np.asarray(sensor["noise"])))
+    tank.require_fence(model, errs)
     pulls = thesis_pulls(reference)
     margin = MARGIN * scales.length
     progress("flying the candidates", 0.0)
-    sensor = {**MOTION_CAPTURE, **(positions or {})}
     quick = [_scenario(reference, tank, sensor, [one], quick=True) for one in (*pool, *pulls)]
     flown = rehearse(quick)
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(pool)]]
@@ -160,7 +162,8 @@ def plan_tests(
         left = replace(ours, seconds=np.where(tilts, np.inf, ours.seconds))
 
         def near(one: Rehearsed) -> np.ndarray:
-            return np.append(tank.near(vehicle, one, touching), one.t[one.tilt > tipping])
+            fenced = tank.past_a_fence(model, one, errs) if errs else np.empty(0)
+            return np.concatenate([tank.near(vehicle, one, touching), one.t[one.tilt > tipping], fenced])
 
         return _laid_out(fly, near, prior, left, 60.0 * minutes, progress)
 

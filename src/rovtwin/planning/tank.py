@@ -15,6 +15,8 @@ STOPS, HULLS = 12.0, 3.5  # of a tank that nobody gave: its length over stopping
 # What measures positions in a tank, where nobody says: an assumption.
 MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
 HULL_EVERY = 5  # ticks between looks at the hull
+# Standard deviations of a position between a path and the fence that watches over it, and from there to the wall.
+ERRS = 2.5
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,38 @@ class Tank:
         end = np.inf if flown.aborted_at is None else flown.aborted_at
         return t[(self._clear(self._hull(vehicle, flown)) <= least) & (t <= end)]
 
+    def touches(self, model: Model, flown: Rehearsed) -> np.ndarray:
+        """How far north and east of the middle CO is where the hull touches a wall, turned as anywhere on a path.
+
+        Shape (2,) [m].
+        """
+        reach = np.abs(self._reach(model, flown)[..., :2]).max(axis=(0, 1))
+        return 0.5 * np.array(self.sizes[:2]) - reach
+
+    def reaches_down(self, model: Model, flown: Rehearsed) -> float:
+        """Depth of the hull's lowest corner below CO, turned as anywhere on a path [m]."""
+        return float(self._reach(model, flown)[..., 2].max())
+
+    def past_a_fence(self, model: Model, flown: Rehearsed, errs: float) -> np.ndarray:
+        """When CO is so far out that no fence can stand between it and where the hull touches, shape (k,) [s].
+
+        Args:
+            model: With its hull.
+            flown: The path.
+            errs: Standard deviation of a measured position [m].
+        """
+        away = np.abs(flown.position[:, :2])
+        return flown.t[(away > self.touches(model, flown) - 2.0 * ERRS * errs).any(axis=1)]
+
+    def require_fence(self, model: Model, errs: float) -> None:
+        """Raises ConfigError where positions err [m] by too much for a fence about the middle."""
+        reach = np.abs(np.asarray(model.hull.corners)[:, :2]).max(axis=0)
+        if np.any(2.0 * ERRS * errs > 0.5 * np.array(self.sizes[:2]) - reach):
+            raise ConfigError(
+                f"positions err by {errs:.2g} m (one standard deviation): in a tank of {self} no fence can end a test "
+                "before a wall. Use motion capture (--sensor qtm://HOST/BODY), or a larger --tank"
+            )
+
     def needed(self, vehicle: Vehicle, flown: Rehearsed, margin: float) -> "Tank":
         """The tank that keeps a margin [m] on every side of the hull on a path, with the start in its middle."""
         size = 2.0 * (np.abs(self._hull(vehicle, flown) - np.array(self.middle)).max(axis=(0, 1)) + margin)
@@ -84,9 +118,13 @@ class Tank:
 
     def _hull(self, vehicle: Vehicle, flown: Rehearsed) -> np.ndarray:
         """Corners of the hull along a path, shape (n, m, 3) [m]."""
-        corners = np.asarray(vehicle.model().hull.corners)
+        return flown.position[::HULL_EVERY, None, :] + self._reach(vehicle.model(), flown)
+
+    @staticmethod
+    def _reach(model: Model, flown: Rehearsed) -> np.ndarray:
+        """From CO to corners of the hull, NED, shape (n, m, 3) [m]."""
         R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
-        return flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
+        return np.einsum("tij,mj->tmi", R_nb, np.asarray(model.hull.corners))
 
     def nearest(self, corners: np.ndarray) -> tuple[float, int]:
         """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""

@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 
 from rovtwin.commission.work import Work
-from rovtwin.core.errors import ConfigError
-from rovtwin.core.frames import rotation_from_quaternion
-from rovtwin.core.numerics import jax
 from rovtwin.live.connect import on_this_machine
 from rovtwin.planning.plan import Plan
+from rovtwin.planning.rehearsal import Rehearsed
 from rovtwin.planning.tank import Tank
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.experiment import pieces_of
@@ -21,9 +19,6 @@ from rovtwin.vehicle import Model
 HALF = 0.5  # of the way from the planned path to where the hull touches: there the fence ends the part
 LASTING = 0.3  # outside the fence, before thrusters stop [s]: one position that is off ends nothing
 LEAST_HOME = 5.0  # for the way to the middle [s]
-ERRS = 2.5  # standard deviations of a position by which the fence stands further out
-
-_rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 
 def in_tank(work: Work, plan: Plan) -> Scenario:
@@ -37,15 +32,11 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     home = max([2.0 * one["home"] for one in manoeuvres] + [LEAST_HOME])
     first = {"manoeuvre": "rest", "duration": 0.5, "home": home}
     test = {"name": "excite", "home_at_start": True, "manoeuvres": [first, *manoeuvres]}
-    half, deepest, touches = fence(plan.model, plan.flown, work.request.room)
     sensor = sensors_of(plan.scenario, vehicle_of(plan.scenario))["position"]
     errs, interval = float(np.max(np.asarray(sensor.noise))), 1000.0 / float(sensor.rate)
-    if np.any(half + ERRS * errs > touches):
-        raise ConfigError(
-            f"positions err by {errs:.2g} m (one standard deviation): in a tank of {work.request.room} no fence can "
-            "end a part before a wall. Use motion capture (--sensor qtm://HOST/BODY), or a larger --tank"
-        )
-    half = half + ERRS * errs
+    tank = work.request.room
+    tank.require_fence(plan.model, errs)
+    half, deepest = fence(plan.model, plan.flown, tank)
     corners = [[north * half[0], east * half[1]] for north, east in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
     rules: dict[str, Any] = {
         "geofence": {"polygon": corners, "after": max(LASTING, 1.5 * interval), "action": "stop"},
@@ -64,22 +55,18 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})
 
 
-def fence(model: Model, flown: Any, tank: Tank) -> tuple[np.ndarray, float, np.ndarray]:
-    """How far CO may be from the tank's middle to north and east [m], shape (2,), how deep [m], and where the hull
-    touches the walls [m], shape (2,).
+def fence(model: Model, flown: Rehearsed, tank: Tank) -> tuple[np.ndarray, float]:
+    """How far CO may be from the tank's middle to north and east [m], shape (2,), and how deep [m].
 
     Args:
         model: With its hull.
-        flown: The plan's path, as `planning.rehearsal` gives it.
+        flown: The plan's path, which leaves room for it: `Tank.past_a_fence`.
         tank: Its middle is the path's start.
     """
-    R_nb = np.asarray(_rotations(flown.attitude))
-    reach = np.einsum("tij,mj->tmi", R_nb, np.asarray(model.hull.corners))
-    away = np.abs(flown.position[:, :2]).max(axis=0)
-    touches = 0.5 * np.array(tank.sizes[:2]) - np.abs(reach[..., :2]).max(axis=(0, 1))
+    away, touches = np.abs(flown.position[:, :2]).max(axis=0), tank.touches(model, flown)
     deepest = float(flown.position[:, 2].max())
-    grounds = tank.depth - float(reach[..., 2].max())
-    return away + HALF * np.maximum(touches - away, 0.0), deepest + HALF * max(grounds - deepest, 0.0), touches
+    grounds = tank.depth - tank.reaches_down(model, flown)
+    return away + HALF * np.maximum(touches - away, 0.0), deepest + HALF * max(grounds - deepest, 0.0)
 
 
 def outside(scenario: Scenario, position: Any) -> str:
