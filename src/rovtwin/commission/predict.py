@@ -28,7 +28,6 @@ from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.constants import AXES
 
 STREAM = 82  # of random numbers: no flight here is one of the proof
-COMING = 30.0  # until the first corner is left [s]
 FLIGHT = "flight"
 UNTRUE = "The model does not predict this flight: look for what has changed, then repeat excite and identify."
 
@@ -47,7 +46,7 @@ def run(work: Work) -> Outcome:
     sums = {name: sha256(work.folder / name) for name in files[:2]}
     figures |= {"prediction_file": BANDS, "predicted_utc": utc_now(), "sha256": sums}
     checks.append(Check("ok", "written down", f"before the flight: {BANDS}, SHA-256 {sums[BANDS][:16]}.."))
-    flight, notes = _flown(work, scenario, float(made.band.t[-1]) + COMING)
+    flight, notes = _flown(work, scenario, made.lasting)
     checks += notes
     if flight is None:
         return Outcome(tuple(checks), figures, tuple(files))

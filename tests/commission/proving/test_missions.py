@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.commission.proving.missions import in_tank, open_water, sea
+from rovtwin.commission.proving.missions import FIRST, in_tank, open_water, sea
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import parse
 from rovtwin.planning.tank import Tank
@@ -22,6 +22,10 @@ def test_the_hull_stays_off_the_walls_whichever_way_it_is_turned(name):
     assert np.all(corners[:, 2] - np.abs(hull[:, 2]).max() > 0.0)
     assert np.all(corners[:, 2] + np.abs(hull[:, 2]).max() < 1.5)
     assert len({tuple(corner) for corner in corners}) == 4 and np.ptp(corners[:, 2]) > 0.05
+    stays = [i for i, point in enumerate(made["mission"]["waypoints"]) if "hold_time" in point]
+    assert stays == [FIRST, len(corners) - 1] and np.all(corners[FIRST] == corners[-1])
+    along = corners[FIRST] - corners[FIRST - 1]
+    assert along[0] > 1.0 and along[1] == along[2] == 0.0, "it comes to the first corner in one way, also its heading"
     parse(Scenario, {"vehicle": name} | made, "made")
 
 

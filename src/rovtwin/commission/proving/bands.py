@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.commission.proving.missions import FIRST
 from rovtwin.runs.scoring.scores import Flown
 
 LEVEL = 0.95
@@ -48,7 +49,7 @@ def track_of(t: np.ndarray, eta: np.ndarray, waypoint: np.ndarray) -> Track | No
         eta: Estimated pose, shape (n, 6) [m, rad].
         waypoint: Number of the one that is approached, from 0, shape (n,).
     """
-    left = np.flatnonzero(waypoint >= 1)
+    left = np.flatnonzero(waypoint > FIRST)
     if not left.size or left[0] == len(t) - 1:
         return None
     began = float(t[left[0]])

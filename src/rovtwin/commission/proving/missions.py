@@ -16,7 +16,8 @@ SIDE = 10.0  # of the square, and most of the box, in lengths of the vehicle: 3 
 LEAST = 1.5  # side of a box that is worth a flight, in lengths of the vehicle
 CLEAR = 0.1  # least distance of the hull from the walls, wherever it strays [m]
 STRAYS = 4.0  # off its path at most, in standard deviations of the estimated position: 3.4 in 79 flights of 100 s
-STAY = 10.0  # at the first corner before it is left, and at the last one [s]
+STAY = 10.0  # at the first corner before it is left, and at the end [s]
+FIRST = 1  # way-point that is the first corner: the one before it is where the leg to it begins
 PERIOD = 5.0  # of the peak of a fully developed sea, over the root of its significant height [s/m^0.5]
 
 
@@ -55,7 +56,8 @@ def sea(height: float, direction_deg: float) -> dict[str, Any] | None:
 def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float) -> dict[str, Any]:
     """Four corners about the tank's middle, two shallow and two deep, as large as the room allows.
 
-    It stays at the first corner for 10 s before it goes on, and ends there: so it begins alike wherever it came from.
+    A leg leads to the first corner, where it stays for 10 s before it goes on: so it begins alike wherever it came
+    from, also its heading. It ends there.
     Where positions are poor the vehicle strays, whatever it estimates, and the box is smaller.
 
     Args:
@@ -88,15 +90,14 @@ def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float) -> dict[str, Any]:
     north, east = (round(float(x), 2) for x in half)
     middle = tank.middle[2]
     heave = round(max(min(0.5 * (middle - upright), limits.length), 0.0), 2) if limits.can(2) else 0.0
-    corners = [
+    round_again = [
         (-north, -east, middle - heave),
         (north, -east, middle - heave),
         (north, east, middle + heave),
         (-north, east, middle + heave),
-        (-north, -east, middle - heave),
     ]
-    made = _mission("four corners", limits, tank.middle, corners)
-    for i in (0, -1):
+    made = _mission("four corners", limits, tank.middle, round_again + round_again[: FIRST + 1])
+    for i in (FIRST, -1):
         made["mission"]["waypoints"][i]["hold_time"] = STAY
     return made | {"duration": made["duration"] + 2.0 * STAY}
 

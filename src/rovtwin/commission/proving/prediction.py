@@ -32,11 +32,13 @@ class Prediction:
         band: Of their estimated paths.
         efforts: Along the axes that they agree about.
         room: Least distance of the hull, turned any way, from the tank's walls [m].
+        lasting: From arming to the end [s].
     """
 
     band: Band
     efforts: list[Foreseen]
     room: float
+    lasting: float
 
     @property
     def half_widths(self) -> dict[str, float]:
@@ -78,7 +80,8 @@ def predicted(
     lasting = float(band.t[-1])
     efforts = [effort_of_flown(one, track.began, lasting) for one, track in zip(flown, came, strict=True)]
     around = float(np.hypot(*np.asarray(runs[0].model.hull.corners)[:, :2].T).max())
-    return Prediction(band, foreseen(efforts), min(_room(one, tank, around) for one in flown)), []
+    room = min(_room(one, tank, around) for one in flown)
+    return Prediction(band, foreseen(efforts), room, max(track.began for track in came) + lasting), []
 
 
 def _room(flown: Flown, tank: Tank, around: float) -> float:
