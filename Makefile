@@ -30,13 +30,13 @@ install: $(STAMP) ## make .venv with the package and all extras, at the pinned v
 demo: $(FULL) ## run the demonstration
 	$(BIN)/rovtwin demo
 
-test: $(STAMP) ## run the tests, without those marked slow or system
+test: $(STAMP) ## run the tests of parts: none takes seconds
 	$(PYTEST) -m "not slow and not system" $(ARGS)
 
-test-system: $(STAMP) browser ## run the tests that drive Chromium, MAVSDK and ROS
+test-system: $(STAMP) browser ## run the tests of the whole: flights, estimates, served vehicles, Chromium, MAVSDK, ROS
 	$(PYTEST) -m "system and not slow" $(ARGS)
 
-test-all: $(STAMP) browser ## run all tests
+test-all: $(STAMP) browser ## run all tests, also those marked slow
 	$(PYTEST) $(ARGS)
 
 interpreters: $(STAMP) ## resolve the pins on every Python of 3.11, 3.12, 3.13 that is here, and smoke-test on the others

@@ -63,7 +63,7 @@ _RUN_LONG = (
     *("monitoring/test_lost.py", "monitoring/test_monitor.py"),
 )
 
-# What these drive was not written here, and takes its time to start: `make test-system`.
+# What these drive was not written here, and takes its time to start: they are `system` as a whole.
 _OUTSIDE = {"test_mavlink_mavsdk.py", "test_mavsdk_examples.py", "test_ros2_network.py"}
 
 

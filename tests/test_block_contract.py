@@ -84,6 +84,7 @@ def test_batch_equals_singles(name):
     contract(name).batches()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", names(SLOW_GRADIENT))
 def test_gradient_is_finite(name):
     if not example(name).differentiable:

@@ -149,6 +149,7 @@ def leaves(model):
     return [np.asarray(leaf) for leaf in jax.tree.leaves(model)]
 
 
+@pytest.mark.system
 def test_the_page_runs(tmp_path, monkeypatch):
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
     monkeypatch.chdir(tmp_path)

@@ -73,6 +73,7 @@ def test_every_sample_has_one_row(session, campaign):
     assert not list((session.folder / "parts").iterdir())
 
 
+@pytest.mark.system
 def test_a_sample_is_flown_again_to_the_last_bit(session, campaign):
     flight = fly(scenario_at(*sample_of(f"{session.folder}/1")), short=0)
     row = session.table.slice(1, 1).to_pylist()[0]

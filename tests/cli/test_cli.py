@@ -153,6 +153,7 @@ def test_an_empty_battery_is_reported_before_the_flight(capsys, tmp_path):
     assert "battery empty from the start (all)" in run(capsys, "fly", "lawnmower_calm", *flat, *short)[1]
 
 
+@pytest.mark.system
 def test_a_file_that_exists_is_named_with_the_option_that_replaces_it(short_run, tmp_path, monkeypatch, capsys):
     """Commands said it in four ways; `log export` asked for `overwrite=True`, which is Python."""
     monkeypatch.chdir(tmp_path)
@@ -165,6 +166,7 @@ def test_a_file_that_exists_is_named_with_the_option_that_replaces_it(short_run,
         assert run(capsys, *words, "--overwrite")[0] == 0
 
 
+@pytest.mark.system
 def test_log_commands(short_run, tmp_path, capsys):
     folder, _ = short_run
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap", "--json")

@@ -75,6 +75,7 @@ def test_a_sound_vehicle_passes_bench_and_dip(tmp_path, monkeypatch):
     assert found.seconds < 120.0 and np.abs(made[1].commands[-1]).max() == 0.0  # thrusters off at the end
 
 
+@pytest.mark.system
 def test_without_a_yes_nothing_is_sent(tmp_path, monkeypatch):
     work, made = begun(tmp_path, monkeypatch, person=Yes(answer=False))
     found = dip.run(work)

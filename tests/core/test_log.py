@@ -499,6 +499,7 @@ def test_the_messages_of_a_cut_chunk_are_saved(tmp_path: Path) -> None:
     assert is_prefix(saved, whole) and 1_000 < len(saved[POSITION.name]) < 9_000
 
 
+@pytest.mark.system
 def test_a_changed_byte_is_noticed(path: Path, log: Log, tmp_path: Path) -> None:
     content, bad = path.read_bytes(), tmp_path / "bad.mcap"
     noticed = 0

@@ -114,6 +114,7 @@ def rewritten(made: Original, path: Path, **options: object) -> Original:
     return original(path)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_every_compression(made: Original, tmp_path: Path, compression: CompressionType) -> None:
     other = rewritten(made, tmp_path / "other.mcap", compression=compression)

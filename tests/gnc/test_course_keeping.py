@@ -130,6 +130,7 @@ def test_a_square_is_completed_in_calm_and_in_a_third_of_the_top_speed(current):
     assert np.degrees(np.abs(euler[:, :2]).max()) < 20
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("current", CURRENTS[1:])
 def test_at_the_end_it_holds_the_place_with_the_bow_into_the_current(current):
     place, setpoint, _ = square(current)

@@ -33,6 +33,8 @@ from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.thesis.ekf import Ekf, EkfTuning
 from rovtwin.gnc.thesis.ekf_tuning import STATES
 
+pytestmark = pytest.mark.system
+
 RUNS, SECONDS = 16, 100.0
 NAMES = sorted(THESIS_SENSORS)
 START = Start.at((0.0, 0.0, 0.5))
@@ -85,7 +87,6 @@ def interval(samples, dof, level=0.999):
     return chi2.ppf([(1 - level) / 2, (1 + level) / 2], dof * samples) / samples
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(
     "states",
     [HORIZONTAL, (2,), (3, 4, 5), (6, 7, 8), (9, 10, 11), (12, 13, 14), (15, 16, 17), tuple(range(18))],

@@ -23,6 +23,8 @@ from rovtwin.vehicle.description.schema import LearnedDiscrepancy
 from rovtwin.vehicle.physics.discrepancy import kernels
 from rovtwin.vehicle.physics.thrusters import command_for_force
 
+pytestmark = pytest.mark.system
+
 DT = 0.02
 RNG = np.random.default_rng(4)
 TURNING = motion.Turning(jnp.array([0.05, -0.04, 0.3]), jnp.array([0.1, 0.05, -0.2]))
@@ -48,7 +50,6 @@ def slope_of(value, x):
     return np.asarray(jax.jit(jax.jacfwd(lambda error: value(x.corrected(error))))(jnp.zeros(ERRORS)))
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("opinion", ["model", "accelerometer", "waves", "both"])
 def test_slopes_are_derivatives(model, state, opinion):
     makers = {
@@ -247,7 +248,6 @@ def test_while_nothing_comes_the_filter_grows_unsure(at_rest):
     assert std[-1] < 0.5 * std[50 * 50 - 2]
 
 
-@pytest.mark.system
 def test_a_late_position_tells_where_the_vehicle_was(model):
     """At 0.5 m/s and 1.5 s of age, taken as new a reading would be 0.75 m off."""
     speed, age = 0.5, 1.5
@@ -335,7 +335,6 @@ def accelerated(filter, readings):
 ACCELERATED = MOUNTS | {"accelerometer": Mount(0.0308)}
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("fault", ["spike", "offset", "dead"])
 def test_a_broken_accelerometer_moves_nothing(model, fault):
     """One reading of 50 m/s2, 5 m/s2 for a second, zeros for good: refused, not integrated, and no waves either."""
@@ -356,7 +355,6 @@ def test_a_broken_accelerometer_moves_nothing(model, fault):
     assert sea[-1].max() < 2.0 * max(sea[begin - 1].max(), 1e-5)
 
 
-@pytest.mark.system
 def test_a_force_that_lasts_is_learnt_from_the_accelerometer(model):
     """0.4 m/s2 for good, which a tether that is caught may do: taken for a force within a second, in large part."""
     extra = np.zeros((round(22 / DT), 3))
@@ -387,7 +385,6 @@ def test_a_start_that_is_known_is_known_with_the_waves_in_it(model):
         assert np.linalg.eigvalsh(P).min() > -1e-12
 
 
-@pytest.mark.system
 def test_with_a_doppler_log_the_filter_is_consistent(model):
     """40 vehicles at rest, five seconds of velocities: the place is where the start was, and as sure as it was."""
     n, vehicles = 250, 40

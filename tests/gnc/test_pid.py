@@ -140,6 +140,7 @@ def test_pole_placement_places_the_poles(zeta):
         assert np.min(np.abs(got - pole)) < 1e-6 ** (0.5 if zeta == 1 else 1)
 
 
+@pytest.mark.system
 def test_coupled_vehicle_is_stable_with_default_gains():
     model = thirty_kg()
     A = closed_loop_matrix(Pid.pole_placement(model), model)

@@ -25,6 +25,8 @@ from rovtwin.identification.logs.readers.assemble import flung
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FLU = np.array([1.0, -1.0, -1.0])
 
@@ -243,7 +245,6 @@ def each_late(record, **late):
     return replace(record, signals={n: replace(s, t=s.t + late.get(n, 0.0)) for n, s in record.signals.items()})
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(
     "late",
     [{"gyro": 1.0}, {"attitude": 1.0}, {"velocity": 1.0}, {"position": -1.0}, {"gyro": 0.5}, {"attitude": 0.4}]
@@ -260,7 +261,6 @@ def test_a_signal_that_is_late_is_distinguished_from_the_one_it_is_compared_with
         assert expected and float(expected[1]) == pytest.approx(-late[f.where], abs=0.1), str(f)
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("late", [-1.0, 0.5, 1.0])
 def test_signals_that_are_all_late_are_mended_at_the_commands(late):
     record = fly("bluerov2", "multisine", 3)

@@ -108,6 +108,7 @@ def test_a_duct_is_learned_as_thrust_in_sway_and_predicts_other_windows(of_a_duc
     assert np.mean(np.abs(left) < 2.0 * np.sqrt(variance + 0.05**2)) > 0.85
 
 
+@pytest.mark.system
 def test_what_is_learned_is_what_a_file_keeps(of_a_duct):
     found = of_a_duct
     again = LearnedDiscrepancy.model_validate(yaml.safe_load(yaml.safe_dump(found.model_dump(mode="json"))))

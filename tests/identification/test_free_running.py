@@ -51,7 +51,8 @@ def flight(dof: str, psi: float = 0.6) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Times, positions, Euler angles and commands of pushes from rest, one after the other; times of the commands."""
     steps, rest = int(PUSH / DT), int(PAUSE / DT)
     start = Start(as_array([0.0, 0, 20]), quaternion_from_euler(as_array([0.0, 0, psi])), as_array(np.zeros(6)))
-    run = jax.jit(lambda u: rollout(model(), State.at(model(), start), Command(u), Environment.calm(), DT))
+    vehicle = model()  # not within the trace: a description is read on the host
+    run = jax.jit(lambda u: rollout(vehicle, State.at(vehicle, start), Command(u), Environment.calm(), DT))
     positions, angles, commands, origin = [], [], [], np.zeros(3)
     for level in LEVELS[dof]:
         u = np.zeros((steps + rest, 6))

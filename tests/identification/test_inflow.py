@@ -67,6 +67,7 @@ def test_it_is_distinguished_from_drag_and_kept(tmp_path):
     assert again.values[LOSS] == pytest.approx(result.values[LOSS], rel=1e-6)
 
 
+@pytest.mark.system
 def test_what_the_file_states_counts_where_an_earlier_result_has_none(tmp_path):
     earlier = identify(VEHICLE, [], free=["added_mass.surge"])
     data = VEHICLE.to_dict()

@@ -30,6 +30,8 @@ from rovtwin.identification.result import Identification
 from rovtwin.report.identification.repeatability import repeatability_table
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
+pytestmark = pytest.mark.system
+
 DURATION = 30.0
 ADDED = {
     "name": "extra",
@@ -63,7 +65,6 @@ def found(vehicle, truth):
     return identify(vehicle, [truth[2]], free=truth[3])
 
 
-@pytest.mark.system
 def test_it_settles_and_finds_the_noise(found):
     assert found.solution.converged
     declared = np.concatenate([found.problem.segments.sigma[name] for name in found.problem.segments.levers])
@@ -232,7 +233,6 @@ def test_records_predicted_side_by_side_are_those_predicted_alone(found):
             np.testing.assert_allclose(prediction.readings[name][2], predicted, atol=1e-9)
 
 
-@pytest.mark.system
 def test_an_error_of_scale_moves_the_estimate_as_foretold(found):
     """All positions 0.5 % longer: what an estimate from them says otherwise is what the widened covariance knows of.
 
@@ -305,7 +305,6 @@ def test_stretches_that_agree_widen_next_to_nothing(found):
     assert found.solution.stretches == 16
 
 
-@pytest.mark.system
 def test_a_thruster_that_gives_less_for_half_of_the_test_widens_its_interval(found, truth):
     """The model is broken on purpose: commands of the second half are a third larger than what was flown."""
     log = truth[2]

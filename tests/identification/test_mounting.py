@@ -14,6 +14,8 @@ from rovtwin.identification.joint.model.parameters import MOUNTING
 from rovtwin.identification.joint.solver.options import Options
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 VEHICLE = load_vehicle("double_blueye")
 ASKEW = np.deg2rad([2.5, -1.5, 2.0])
 FREE = ["restoring.*", "added_mass.roll", "added_mass.pitch", "linear_damping.roll", "linear_damping.pitch",
@@ -31,7 +33,6 @@ def found():
     return identify(VEHICLE, [turning(40.0)], free=FREE)
 
 
-@pytest.mark.system
 def test_a_tilted_sensor_is_not_put_down_to_the_center_of_buoyancy(found):
     model = VEHICLE.model()
     lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
@@ -48,7 +49,6 @@ def test_the_mounting_of_the_gyro_is_within_its_width_and_reported(found):
     assert any("the gyro is mounted askew by 2." in remark for remark in found.findings)
 
 
-@pytest.mark.system
 def test_derivatives_are_those_of_the_readings():
     parameters = choose(catalogue(VEHICLE), ["added_mass.yaw", "sensors.gyro.*"])
     t, u = axis_steps(VEHICLE, 0, 6.0, hold=1.5)

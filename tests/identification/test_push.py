@@ -20,6 +20,8 @@ from rovtwin.identification.joint.uncertainty.unmodelled import Effects, _at_ful
 from rovtwin.report.identification.tables import disturbance_table
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 VEHICLE = load_vehicle("double_blueye")
 FREE = ["added_mass.surge", "quadratic_damping.surge", "restoring.net_buoyancy"]
 CURRENT, GUST = 0.06, 6.0  # of the water [m/s], and how long it lasts [s]
@@ -35,7 +37,6 @@ def pushed():
     return identify(VEHICLE, [log_of(Broken(current=CURRENT, gust=GUST))], free=FREE)
 
 
-@pytest.mark.system
 def test_water_that_moves_is_not_put_down_to_the_sensors(pushed):
     """But for the gyro: what rolls and pitches the vehicle changes within a second."""
     for (name, i), sigma in zip(pushed.problem.groups, pushed.solution.noise.sigma, strict=True):
@@ -58,7 +59,6 @@ def test_it_is_a_push_along_the_hull_of_the_size_that_it_had(pushed):
     assert float(row[1].split()[0]) == pytest.approx(M * push[0], rel=0.2)
 
 
-@pytest.mark.system
 def test_with_an_exact_model_nothing_pushes(pushed):
     shooting, grid = copy(pushed.problem.shooting), pushed.problem.segments.grid
     shooting.segments = cut([log_of(Broken())], grid)
@@ -71,7 +71,6 @@ def test_with_an_exact_model_nothing_pushes(pushed):
     assert np.all(exact.effects.std < 0.01), "nothing is late, and nothing lost"
 
 
-@pytest.mark.system
 def test_drag_that_comes_late_is_named_and_covered(pushed):
     """Drag that the tests show is not that of a steady speed."""
     shooting = copy(pushed.problem.shooting)

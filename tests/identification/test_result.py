@@ -116,6 +116,7 @@ def test_what_was_saved_is_the_same_to_the_last_bit(found, saved):
     assert repr(again) == repr(found) and "not to be relied on" in repr(again) and len(repr(again)) < 120
 
 
+@pytest.mark.system
 def test_xarray_opens_the_file_unasked(found, saved):
     with xarray.open_dataset(saved) as data:
         assert data["covariance"].dims == ("parameter", "parameter_2")

@@ -27,6 +27,8 @@ from rovtwin.runs.pace import Clock, Pace
 from rovtwin.runs.realtime import HostAutopilot
 from rovtwin.scenario.files import load_scenario
 
+pytestmark = pytest.mark.system
+
 SPEED = 10.0
 COMPOSED: list = []  # scenarios that were asked for
 IN_PIECES: list[tuple] = []  # what was reported of a tick that could not be compiled in one piece
@@ -306,7 +308,6 @@ def flight(tmp_path_factory, scenario):
     return fly_live(scenario, link, [], clock, folder, arm=arm), received, link
 
 
-@pytest.mark.system
 def test_a_flight_over_a_link_is_logged_without_truth(flight):
     flown, received, link = flight
     ((ready, armed),) = received
@@ -333,7 +334,6 @@ def test_a_tick_is_compiled_in_one_piece(flight):
     assert IN_PIECES == []
 
 
-@pytest.mark.system
 def test_who_does_not_arm_moves_nothing(tmp_path, scenario):
     clock = Clock(SPEED)
     link = connect("twin://", scenario, clock)
@@ -343,7 +343,6 @@ def test_who_does_not_arm_moves_nothing(tmp_path, scenario):
     assert sent == [] and flown.figures["reason"] == "not armed" and not flown.completed
 
 
-@pytest.mark.system
 def test_without_thrust_everything_is_computed_and_nothing_moves(tmp_path, scenario):
     clock = Clock(SPEED)
     link = connect("twin://", scenario, clock)
@@ -358,7 +357,6 @@ def test_without_thrust_everything_is_computed_and_nothing_moves(tmp_path, scena
     assert not flown.log["host/timing"]["thrust_on"].any() and flown.log.metadata["thrust"] == "false"
 
 
-@pytest.mark.system
 def test_a_vehicle_that_is_lost_in_flight_ends_it(tmp_path, scenario):
     clock = Clock(SPEED)
     link = connect("twin://", scenario, clock)
@@ -385,7 +383,6 @@ def test_an_error_in_flight_closes_the_link(tmp_path, scenario):
     assert vehicle.closed and vehicle.sent == []
 
 
-@pytest.mark.system
 def test_a_log_begins_when_the_flight_does(tmp_path, scenario, flight):
     """However long it took to compile and to listen."""
     clock = Clock(SPEED)

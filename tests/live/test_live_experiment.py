@@ -133,6 +133,7 @@ def test_a_test_over_a_link_is_done_and_says_so_as_a_simulated_one(flight):
     assert manoeuvre_table(seen).rows[2][1] == "hand (tilted by hand)"
 
 
+@pytest.mark.system
 def test_what_does_not_exist_in_a_test_is_not_logged(flight):
     log = flight[0].log
     unknown = {"score/cross_track", "score/nees", *NOT_IN_TESTS}

@@ -13,6 +13,8 @@ from rovtwin.live.serving.replayed import ReplayedVehicle
 from rovtwin.scenario.files import dump_scenario, load_scenario
 from rovtwin.simulation.vehicle_firmware import REACH
 
+pytestmark = pytest.mark.system
+
 DRONES = ("port", "starboard")
 AFT = [f"sensors.{name}.attitude_deg=[0,0,180]" for name in IMU]  # imus that look aft: nobody but the twin may notice
 
@@ -28,7 +30,6 @@ def run(vehicle: ServedVehicle, seconds: float, **command):
     return [r for _ in range(round(seconds / vehicle.dt)) for r in vehicle.advance(commands)]
 
 
-@pytest.mark.system
 def test_a_vehicle_without_commands_is_at_rest(vehicle):
     for _ in range(50):
         vehicle.advance({})

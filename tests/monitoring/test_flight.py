@@ -82,6 +82,7 @@ def test_it_says_what_the_whole_log_says(flown):
         assert one.std == pytest.approx(other.std, rel=0.02)
 
 
+@pytest.mark.system
 def test_readings_that_come_late_are_put_where_they_belong(flown):
     vehicle, given = flown
     _, prompt = fed(vehicle, given, mounts_of(given))

@@ -14,6 +14,8 @@ from rovtwin.monitoring.monitor import watched
 from rovtwin.monitoring.quantities import Quantities
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 DURATION, SINCE, HOLD = 60.0, 30.0, 2.0
 
 
@@ -35,7 +37,6 @@ def after(name, factors, thruster=None, left=1.0, seed=0):
     return monitor, [change.reading.quantity.name for change in changes(now, none, none)]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("left", [0.0, -1.0])
 @pytest.mark.parametrize(("name", "thruster"), [("double_blueye", "port.surge"), ("blueye_x3", "port")])
 def test_a_thruster_lost_half_way_is_named_with_its_time_and_nothing_else_changes(name, thruster, left):
@@ -58,7 +59,6 @@ def test_a_real_change_is_no_lost_thruster():
     assert np.abs(z).max() < 3.0
 
 
-@pytest.mark.system
 def test_beside_a_lost_thruster_a_real_change_is_still_found():
     monitor, changed = after("double_blueye", {"drag.surge": 0.6}, "port.sway", -1.0)
     assert [lost.name for lost in monitor.lost] == ["port.sway"]

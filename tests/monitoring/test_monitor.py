@@ -14,6 +14,8 @@ from rovtwin.monitoring.monitor import watched
 from rovtwin.monitoring.quantities import Quantities
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 DURATION = 80.0
 SEEN = ("depth", "attitude", "gyro", "velocity")
 
@@ -50,7 +52,6 @@ CASES = {
 }
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", CASES)
 def test_it_finds_what_has_changed_and_its_intervals_hold(name):
     vehicle, truth, monitor = run(name, CASES[name])
@@ -75,7 +76,6 @@ def test_what_has_changed_is_reported_in_words_and_nothing_else():
     assert changes(list(readings(vehicle, monitor).values()), none, none) == []
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("log_factor", [-1.2, -6.0])
 def test_a_thruster_that_hardly_pushes_is_named_and_nothing_else(log_factor):
     vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": log_factor}, seed=4, duration=50.0)
@@ -96,7 +96,6 @@ def test_top_speed_is_known_better_than_drag_or_force():
     assert now["top_speed.surge"].std < 0.5 * min(now["drag.surge"].std, now["force.surge"].std)
 
 
-@pytest.mark.system
 def test_a_model_that_is_not_exact_widens_what_it_says():
     """Thrusters whose curve bends otherwise: what is said of drag and added mass must not be sure of a wrong value."""
 

@@ -15,6 +15,8 @@ from rovtwin.runs.fly import fly
 from rovtwin.runs.watch import watch_runs
 from rovtwin.scenario.files import load_scenario
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
@@ -29,7 +31,6 @@ def runs(tmp_path_factory):
 watch = partial(run, command="watch")
 
 
-@pytest.mark.system
 def test_what_has_changed_is_reported_and_drawn(runs, monkeypatch, capsys, tmp_path):
     code, out, _ = watch(monkeypatch, capsys, runs / "before", runs / "after", "-o", tmp_path / "page", "--json")
     data = json.loads(out)
@@ -44,7 +45,6 @@ def test_what_has_changed_is_reported_and_drawn(runs, monkeypatch, capsys, tmp_p
     assert "Something has changed" in page and "port.surge against others" in page
 
 
-@pytest.mark.system
 def test_nothing_has_changed_says_how_little_it_could_tell(runs):
     found = watch_runs([runs / "before", runs / "before"])
     readings = [replace(one, value=0.0, std=one.prior_std) for one in found.runs[1].run.readings]
@@ -58,7 +58,6 @@ def test_nothing_has_changed_says_how_little_it_could_tell(runs):
     )
 
 
-@pytest.mark.system
 def test_one_run_of_a_vehicle_that_was_not_identified_says_so(runs, monkeypatch, capsys):
     code, out, _ = watch(monkeypatch, capsys, runs / "before")
     assert code == 0 and "nothing to compare it with" in out and "surge top speed" in out
@@ -93,7 +92,6 @@ def test_what_the_identification_does_not_say_is_not_known():
     assert identified_std(vehicle, names) is None
 
 
-@pytest.mark.system
 def test_what_only_the_later_run_tells_is_not_called_unchanged(runs):
     """A baseline that does not tell the port thruster's force cannot say that it is what it was."""
     found = watch_runs([runs / "before", runs / "after"])

@@ -89,6 +89,7 @@ def test_fixes_of_single_frames_have_independent_errors_of_the_size_they_say(met
     assert np.abs(result.fix_std[:, 0]).max() < 0.02
 
 
+@pytest.mark.system
 def test_the_log_of_a_track_reads_as_that_of_a_vehicle_with_a_position_sensor(tmp_path):
     from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
     from rovtwin.vehicle import load_vehicle
@@ -130,6 +131,7 @@ def tracked_with_offset(method):
     return track(recording, [EYE], method, LAYOUT, tuning, start=d.position[0]), off
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("method", ["ekf", "smoother"])
 def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
     if method == "smoother":

@@ -55,6 +55,7 @@ def test_the_plant_does_what_the_faults_say(flight):
     assert thrust["starboard_heave"][late][-1] == pytest.approx(11 * ((0.4 - 0.07) / 0.93) ** 1.33, rel=1e-6)
 
 
+@pytest.mark.system
 def test_the_sensors_fail_as_they_should(flight):
     log = flight.log
     frozen = between(log["sensor/pressure"], 1.0, 3.0)

@@ -117,6 +117,7 @@ def test_a_full_command_on_an_axis_is_full_and_pushes_no_other_axis():
     assert not pair[:, 4].any(), "the Double Blueye has no pitch"
 
 
+@pytest.mark.system
 def test_excited_axes_get_what_was_asked_for_and_nothing_else(flight):
     log = flight.log
     surge = log["autopilot/command"].channel.fields.index("port_surge")

@@ -10,6 +10,8 @@ from rovtwin.core.flow import PHASES
 from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
 
+pytestmark = pytest.mark.system
+
 NEVER = 9e3  # [s]
 # One set of faults and requests for all: other times compile to the same program.
 FAULTS = ("leak", "link_lost", "operator_silent", "deadline_missed")
@@ -97,7 +99,6 @@ def test_what_is_lost_is_noticed_in_time(fault):
     assert AT + after - 1.1 < first["t"] < AT + after + 1.5  # a position comes once a second
 
 
-@pytest.mark.system
 def test_nothing_but_the_operator_goes_on():
     """Held when silent, still held when the operator is back, on again after arm and resume."""
     requests = [{"at": 33.0, "ask": "resume"}, {"at": 36.0, "ask": "arm"}, {"at": 40.0, "ask": "resume"}]
@@ -108,7 +109,6 @@ def test_nothing_but_the_operator_goes_on():
     assert [round(one["t"]) for one in run.figures["decisions"]] == [20, 36, 40]
 
 
-@pytest.mark.system
 def test_a_pilot_moves_the_set_point():
     sticks = [{"at": 0.0, "ask": "pilot"}, {"at": 0.5, "ask": "pilot", "velocity": [0.2, 0, 0], "turn_rate_deg": 6}]
     run = flight(requests=sticks, duration=4)
@@ -147,7 +147,6 @@ def test_the_time_runs_out():
     assert run.figures["reason"] == "time out" and run.figures["decisions"][0]["t"] == pytest.approx(20.0, abs=0.2)
 
 
-@pytest.mark.system
 def test_a_surge_thruster_that_is_lost_is_named_and_ends_the_mission_at_the_surface():
     run = flight(faults={"surge": 30.0}, duration=70)
     texts = [one["what"] for one in run.figures["decisions"]]

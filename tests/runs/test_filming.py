@@ -20,6 +20,8 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 pytest.importorskip("cv2")
 CAMERA = {"scene": "pool", "camera": "port.camera", "rate_hz": 4, "resolution_scale": 0.4, "renderer": "raycast"}
 SCENARIO = {
@@ -41,7 +43,6 @@ def run(tmp_path_factory):
     return fly(parse(Scenario, SCENARIO, "filmed"), folder, camera=True, film=True)
 
 
-@pytest.mark.system
 def test_a_run_leaves_pictures_lens_and_layout(run):
     taken = np.array([t for t, _ in read_pictures(run.folder / "port_camera.mcap")])
     assert 15 < len(taken) < 24  # a tenth is lost

@@ -100,6 +100,7 @@ def test_work_is_kinetic_and_potential_energy_and_what_is_lost(flight):
     assert np.ptp(balance) < 1e-6 * moved
 
 
+@pytest.mark.system
 def test_the_batteries_give_the_integral_of_the_electrical_power(flight):
     """From the forces in the log alone: between ticks each goes to its target with its lag, exactly."""
     twin, (state, used, _, energy) = flight

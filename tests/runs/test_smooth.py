@@ -13,6 +13,8 @@ from rovtwin.runs.fly import fly
 from rovtwin.runs.smooth import began, smooth_run
 from rovtwin.scenario.files import load_scenario
 
+pytestmark = pytest.mark.system
+
 SETTLED = 20.0  # [s]
 
 
@@ -41,7 +43,6 @@ def test_the_last_instant_is_the_filters(smoothed):
     np.testing.assert_allclose(smoothed.track.eta[-1], smoothed.track.filtered[-1], atol=1e-9)
 
 
-@pytest.mark.system
 def test_it_knows_better_and_says_how_well(run, smoothed):
     truth = Log.read(run / "log.mcap")["truth/eta"].values
     track, n = smoothed.track, min(len(truth), len(smoothed.track.t))
@@ -54,7 +55,6 @@ def test_it_knows_better_and_says_how_well(run, smoothed):
     assert np.sqrt(np.mean((track.nu[:n, :3] - velocity)[inside] ** 2)) < 0.02
 
 
-@pytest.mark.system
 def test_the_command_writes_a_log_and_overwrites_nothing(run):
     data = CliRunner().invoke(app, ["smooth", str(run), "--json"])
     assert data.exit_code == 0 and '"smoothed_rms_m"' in data.output

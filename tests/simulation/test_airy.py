@@ -120,6 +120,7 @@ def test_gradient_and_rate_are_those_of_the_velocity(sea):
     np.testing.assert_allclose(flow.gradient, flow.gradient.T, atol=1e-14, err_msg="nor does it turn")
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS)
 def test_pressure_drives_the_water_and_the_water_carries_the_surface(sea):
     """Linearised: dv/dt = -g grad(head); d(elevation)/dt is the velocity up at z = 0, and head is elevation there."""

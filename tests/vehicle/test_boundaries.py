@@ -171,6 +171,7 @@ def depths(model: Model, states: State) -> np.ndarray:
 PUSHES = {"ahead": (1, 0, 0), "astern": (-1, 0, 0), "starboard": (0, 1, 0), "down": (0, 0, 1), "askew": (1, 1, 1)}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("way", PUSHES)
 def test_full_thrust_against_a_wall_for_a_minute(way):
     """It stays in the tank, comes to rest, and is never thrown back faster than it came."""

@@ -62,6 +62,7 @@ def test_its_slope_is_finite_at_no_force(model):
     assert np.isfinite(slope).all()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["double_blueye", "bluerov2_heavy", "torpedo"])
 def test_at_the_top_speed_thrust_less_what_is_lost_is_drag(name):
     model, exact = losing(name), load_vehicle(name).model()

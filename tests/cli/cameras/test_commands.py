@@ -65,6 +65,7 @@ def test_track_with_json_and_a_layout(recorded):
     assert np.allclose(data["markers"][0]["std"], 0.0)
 
 
+@pytest.mark.system
 def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
     """Filter and poses have one table: as if the user had measured the paper, not where it hangs."""
     from tests.positioning.images.test_video import LAYOUT

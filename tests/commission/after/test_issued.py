@@ -39,6 +39,7 @@ def refused(bundle, *words):
     assert all(word in str(found.value) for word in words), found.value
 
 
+@pytest.mark.system
 def test_what_was_sealed_is_read(bundle, tmp_path):
     for path in (bundle, zipped(bundle, tmp_path / "b.zip")):
         with issued(path) as found:

@@ -61,6 +61,7 @@ def states(folder):
     return [words for _, words, _ in status(Dossier.open(folder), STAGES)]
 
 
+@pytest.mark.system
 def test_questions_are_asked_and_answers_come_back(folder, started):
     looked = until(started("looks"), "ended")
     assert ("say", "it is looked at") in looked and ("progress", ("looking at it", 0.5)) in looked
@@ -76,6 +77,7 @@ def test_questions_are_asked_and_answers_come_back(folder, started):
     assert states(folder) == ["passed", "passed", "to do", "to do"]
 
 
+@pytest.mark.system
 def test_no_moves_nothing(folder, started):
     passed(folder, "looks")
     process = started("asks")
@@ -87,6 +89,7 @@ def test_no_moves_nothing(folder, started):
     assert not (attempt.folder / "moved").exists() and "not confirmed" in attempt.outcome.reasons[0]
 
 
+@pytest.mark.system
 def test_stop_ends_a_flight_at_once_and_keeps_its_page_and_log(folder, started):
     passed(folder, "looks", "asks")
     process = started("flies")
@@ -102,6 +105,7 @@ def test_stop_ends_a_flight_at_once_and_keeps_its_page_and_log(folder, started):
     assert (attempt.folder / "log.mcap").read_bytes() == b"what was measured"
 
 
+@pytest.mark.system
 def test_stop_while_it_asks_moves_nothing_and_leaves_an_attempt_that_was_cut_off(folder, started):
     passed(folder, "looks")
     process = started("asks")
@@ -113,6 +117,7 @@ def test_stop_while_it_asks_moves_nothing_and_leaves_an_attempt_that_was_cut_off
     assert not (Dossier.open(folder).attempts("asks")[0].folder / "moved").exists()
 
 
+@pytest.mark.system
 def test_a_console_that_is_gone_ends_its_stage(folder, started):
     passed(folder, "looks")
     process = started("asks")
@@ -122,6 +127,7 @@ def test_a_console_that_is_gone_ends_its_stage(folder, started):
     assert process._process.exitcode is not None and states(folder)[1] == "cut off"
 
 
+@pytest.mark.system
 def test_what_does_not_end_is_killed(folder, started, monkeypatch):
     passed(folder, "looks")
     monkeypatch.setattr(processes, "ENDING", 0.2)
@@ -133,6 +139,7 @@ def test_what_does_not_end_is_killed(folder, started, monkeypatch):
     assert states(folder)[1] == "cut off" and persons.ENDING > 1.0
 
 
+@pytest.mark.system
 def test_a_process_that_dies_is_named(folder, started):
     how, why = until(started("dies", "DIES"), "ended")[-1][1]
     assert how == "died" and "exit code -9" in why and "memory" in why
@@ -141,6 +148,7 @@ def test_a_process_that_dies_is_named(folder, started):
     assert (how, why) == ("failed", "TypeError: a mistake of ours")
 
 
+@pytest.mark.system
 def test_one_process_a_folder_and_stages_in_their_order(folder, started):
     how, why = until(started("asks"), "ended")[-1][1]
     assert how == "refused" and "looks comes first" in why

@@ -42,6 +42,7 @@ def short_log(tmp_path, *names, summary=None):
 # States.
 
 
+@pytest.mark.system
 def test_state_is_what_the_log_says(recording):
     log, t = recording.log, 12.34  # samples are at 12.3 and 12.4
     row = int(np.searchsorted(log["autopilot/eta"].t, t)) - 1

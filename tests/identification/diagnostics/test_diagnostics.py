@@ -431,6 +431,7 @@ def test_forces_that_differ_or_fit_are_no_gain(forces, factors):
     assert about_gain(some, half, np.log(np.full(len(some), 2.6)), []) == [], "the others were taken as exact"
 
 
+@pytest.mark.system
 def test_the_gain_of_the_tank_is_found_from_the_dead_band():
     """Its evidence file says half; the shape of force against command says all of it."""
     shared_folder("data", "bluerov2_heavy_tank")

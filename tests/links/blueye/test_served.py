@@ -16,6 +16,8 @@ import qtm_rt
 from blueye.sdk import Drone
 from tests.links.twins import ServedTwin, free_port, twin_served
 
+pytestmark = pytest.mark.system
+
 PORT, STARBOARD, HTTP = "127.0.0.20", "127.0.0.21", 8790
 
 
@@ -60,13 +62,11 @@ def surge(drones: list[Drone], share: float) -> None:
         drone.motion.set_surge(share)
 
 
-@pytest.mark.system
 def test_both_drones_connect_and_are_in_control(drones):
     assert all(drone.connected and drone.in_control for drone in drones)
     assert len({drone.serial_number for drone in drones}) == 2
 
 
-@pytest.mark.system
 def test_they_dive_and_telemetry_is_the_truth(twin: ServedTwin, drones):
     began = twin.eta[2]
     for drone in drones:

@@ -8,6 +8,8 @@ from tests.links.twins import ServedTwin, free_port, twin_served
 
 from rovtwin.links.mavlink.server import MavlinkServer
 
+pytestmark = pytest.mark.system
+
 mavutil = pytest.importorskip("pymavlink.mavutil")
 mavlink = mavutil.mavlink
 NEUTRAL = 500
@@ -74,7 +76,6 @@ def rested(twin: ServedTwin, pilot: Pilot, speed=0.02):
     flown(twin, pilot, (0, 0, NEUTRAL, 0), slow)
 
 
-@pytest.mark.system
 def test_depth_hold_dives_and_holds(twin, pilot):
     pilot.mode(2)
     flown(twin, pilot, (0, 0, 0, 0), lambda: twin.eta[2] > 1.5)  # the throttle stick all the way down
@@ -95,7 +96,6 @@ def test_telemetry_is_the_truth(twin, pilot):
     assert np.hypot(estimated.x - twin.eta[0], estimated.y - twin.eta[1]) < 1.0
 
 
-@pytest.mark.system
 def test_heading_hold_and_turn(twin, pilot):
     began = twin.eta[5]
     flown(twin, pilot, (0, 0, NEUTRAL, 500), lambda: twin.eta[5] > began + 1.0)
@@ -109,7 +109,6 @@ def test_manual_is_open_loop(twin, pilot):
     flown(twin, pilot, (0, 800, NEUTRAL, 0), lambda: twin.history[-1][1]["nu"][1] > 0.3)
 
 
-@pytest.mark.system
 def test_guided_goes_to_a_place(twin, pilot):
     pilot.mode(4)
     goal = np.array([twin.eta[0] + 1.0, twin.eta[1] - 1.0, 2.5])
@@ -145,7 +144,6 @@ def test_disarmed_it_does_not_move(twin, pilot):
     assert not twin.command.any()
 
 
-@pytest.mark.system
 def test_surface_comes_up_and_holds_there(twin, pilot):
     """ArduSub's SURFACE: up by itself, then ALT_HOLD at the surface."""
     assert pilot.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED

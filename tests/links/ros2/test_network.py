@@ -161,6 +161,7 @@ class Watch:
         return 700.0 + (time.monotonic() - self.began) * self.speed
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_our_link_finds_out_that_our_server_stamps_in_simulated_time(speed):
     clock = Watch(speed)

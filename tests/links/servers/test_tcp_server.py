@@ -84,6 +84,7 @@ def test_where_nobody_is_silent_the_new_one_is_turned_away(served, monkeypatch):
         other.close()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("served", STREAMS, indirect=True, ids=lambda server: server.__name__)
 def test_who_only_reads_a_stream_stays_however_silent(served):
     port, ask = served

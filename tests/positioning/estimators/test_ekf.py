@@ -32,6 +32,8 @@ from rovtwin.positioning.images.detection import Detections
 from rovtwin.positioning.images.observations import Frames, sightings
 from rovtwin.vehicle.physics.camera import Port, lens_from
 
+pytestmark = pytest.mark.system
+
 LAYOUT, EYE = wall(), camera()
 SIZES = np.full(1000, 0.15)
 _quaternions = jax.jit(jax.vmap(quaternion_from_rotation))
@@ -106,7 +108,6 @@ def test_the_covariance_is_honest_over_seeds():
     assert 1.68 < np.mean(three) < 4.70
 
 
-@pytest.mark.system
 def test_no_claim_is_made_that_the_errors_contradict():
     """One run, known places: NEES averages over hundreds of frames to about its degrees of freedom."""
     out, d = go(seen(), layout=LAYOUT, pixel=0.2, acceleration=0.07)

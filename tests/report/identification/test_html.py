@@ -122,6 +122,7 @@ def test_the_page_has_all_its_parts_and_its_figures_lie_beside_it(page):
     assert all((path.parent / "figures" / f"{name}.svg").exists() for name in pictures)
 
 
+@pytest.mark.system
 def test_the_verdict_comes_first_and_says_what_was_learnt_and_what_not(page, result):
     _, text = page
     learnt = result.verdicts.count("learnt")

@@ -60,6 +60,7 @@ def test_page_needs_no_network(page, folder):
     assert "@import" not in source and "url(" not in source and "http" not in re.sub(r"base64,[^\"]*", "", source)
 
 
+@pytest.mark.system
 def test_page_is_well_formed(page):
     assert page.open == []
 

@@ -88,6 +88,7 @@ def flown(known, tmp_path_factory):
     return watch, news, log.close("disarmed"), Log.read(folder / "run" / "log.mcap")
 
 
+@pytest.mark.system
 def test_what_has_changed_is_an_event_once_and_in_the_log_and_its_summary(flown):
     watch, news, summary, log = flown
     text = "; ".join(text for _, text in news)
