@@ -33,7 +33,6 @@ def test_links_and_pictures_lead_to_files(page):
     assert not missing, f"{page.name} leads to what is not there: {missing}"
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_shown_exists_with_its_options(page, capsys):
     """`--help` behind each command: click checks names of commands and options before it answers."""

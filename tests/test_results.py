@@ -367,7 +367,6 @@ def names():
     return {}
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(("name", "what"), list(methods()))
 def test_every_method_has_an_example_that_runs(name, what, names, tmp_path, monkeypatch):
     """Examples of methods begin with what the example of their class has made."""

@@ -81,6 +81,7 @@ def test_a_sample_is_flown_again_to_the_last_bit(session, campaign):
     assert row["reason"].startswith("not finished after 2 s: ") and not row["completed"]
 
 
+@pytest.mark.system
 def test_a_sample_that_cannot_be_flown_says_why_and_stops_no_other(session):
     bad = session.table.slice(3, 1).to_pylist()[0]
     assert bad["world.net_buoyancy"] == -100_000 and bad["reason"].startswith("world.net_buoyancy: found -100000 N")

@@ -81,6 +81,7 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert code == 0 and {row["key"]: row for row in json.loads(out)["figures"]}["hotel_load"]["change"] == 0
 
 
+@pytest.mark.system
 def test_figures_of_an_identified_vehicle_say_which_are_predicted(capsys, monkeypatch, tmp_path):
     """Only the last remark of `vehicle add` said that both columns were not what tests had found."""
     monkeypatch.setenv("COLUMNS", "160")  # words of a head are not broken, however long the path is
@@ -202,7 +203,6 @@ def test_report_of_a_log(short_run, tmp_path, capsys):
     assert code == 0 and Path(json.loads(out)["report"]).stat().st_size > 10_000
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(
     "words",
     [("scenario", "list"), ("scenario", "show", "square"), ("scenario", "check", "square_dvl"), ("scenario", "schema"),
@@ -379,7 +379,6 @@ BAD = [
 ]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(("words", "expected"), BAD, ids=[" ".join(words)[:60] for words, _ in BAD])
 def test_bad_input_is_one_message_and_exit_code_2(words, expected, tmp_path, monkeypatch, capsys):
     files(tmp_path)

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
@@ -25,6 +26,7 @@ def test_what_is_missing_is_named(tmp_path):
     assert found.exception and "--link" in str(found.exception) and "--tank" in str(found.exception)
 
 
+@pytest.mark.system
 def test_paper_and_then_on_with_what_was_asked_for_at_first(tmp_path):
     folder = tmp_path / "c"
     common = ("-o", folder, "--yes", "--json", "--stage", "paper")

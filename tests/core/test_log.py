@@ -462,6 +462,7 @@ def is_prefix(part: Log, whole: Log) -> bool:
     )
 
 
+@pytest.mark.system
 def test_a_cut_file_gives_an_error_and_its_repair_a_prefix(log: Log, tmp_path: Path) -> None:
     path, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
     with LogWriter(path, CHANNELS) as writer:

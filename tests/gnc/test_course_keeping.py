@@ -140,6 +140,7 @@ def test_at_the_end_it_holds_the_place_with_the_bow_into_the_current(current):
     assert np.abs(np.angle(np.exp(1j * (last[:, 2] - into)))).max() < np.radians(10)
 
 
+@pytest.mark.system
 def test_in_calm_water_it_stays_within_its_slack():
     place, setpoint, _ = square((0.0, 0.0))
     held = setpoint.phase == FINISHED

@@ -65,6 +65,7 @@ def test_a_leg_is_flown_level_though_heave_thrust_pitches(share):
     assert np.abs(late[:, 2] - 3.0).max() < 0.02
 
 
+@pytest.mark.system
 def test_depth_control_that_knows_of_no_tilt_stands_on_its_nose():
     """What the feedback is for: without it the same vehicle comes to rest at 43 degrees."""
     model = aft(0.2)

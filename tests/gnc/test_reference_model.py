@@ -40,7 +40,6 @@ def analytic(delta, w, t):
     return np.real(1 + (q * np.exp(p * t) - p * np.exp(q * t)) / (p - q))
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("dt", [0.02, 0.5])
 @pytest.mark.parametrize("delta", [0.3, 0.9, 1 - 1e-6, 1.0, 1 + 1e-6, 1.2, 3.0])
 def test_step_response_is_exact(delta, dt):

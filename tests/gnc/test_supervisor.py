@@ -119,7 +119,6 @@ TABLE = {
 CASES = [(mode, request, after) for mode in TABLE for request, after in zip(REQUESTS, TABLE[mode], strict=True)]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(("mode", "request_", "after"), CASES)
 def test_what_the_operator_may_do(mode, request_, after):
     assert ask(mode, request_) == (after, OPERATOR if after == MODE_ABORTED else NO_REASON)
@@ -255,7 +254,6 @@ def test_every_rule_has_a_test():
     assert set(TRIGGERS) | RUNNING_OUT == set(RULES) == set(REASONS[1:])
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", list(TRIGGERS))
 def test_a_rule_acts_after_its_time_and_latches(name):
     input, fine = TRIGGERS[name]

@@ -132,6 +132,7 @@ def test_a_box_in_two_pieces_is_the_box(halves):
     assert any("overlap or touch" in note for note in found.notes)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("pieces", "whole"),
     [

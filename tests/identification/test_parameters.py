@@ -297,6 +297,7 @@ def test_damping_astern_is_free_where_it_differs():
     assert set(free) == expected and {"linear_damping_astern.yaw", "quadratic_damping_astern.surge_pitch"} < expected
 
 
+@pytest.mark.system
 def test_a_file_whose_couplings_leave_no_room_keeps_them_and_stays_a_vehicle(vehicle):
     """0.6 of what its diagonals allow, in added mass and, one way only, in drag: shares that nobody estimates."""
     model = vehicle.model()

@@ -71,7 +71,6 @@ def with_parts(data, parts):
     return vehicle_from_dict(data | {"parts": parts}, "v.yaml")
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_body_that_is_added_never_lowers_a_diagonal(seed):
     data, rng = random_vehicle(seed)

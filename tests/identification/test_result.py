@@ -123,6 +123,7 @@ def test_xarray_opens_the_file_unasked(found, saved):
         np.testing.assert_array_equal(data["theta"].sel(parameter="added_mass.surge"), found.theta[0])
 
 
+@pytest.mark.system
 def test_a_result_without_tests_is_kept_too(run, tmp_path):
     bare = replace(run, held_out=[], records=[])
     same(bare, Identification.load(bare.save(tmp_path / "predicted.nc")))

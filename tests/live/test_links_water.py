@@ -20,6 +20,7 @@ class Vehicle:
     largest: dict[str, np.ndarray] = field(default_factory=lambda: {"": np.ones(6)})
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("overrides", [[], ["world.water=1013"]])
 def test_density_of_links_and_servers(overrides, monkeypatch):
     scenario = world_for("bluerov2_heavy", overrides, None)

@@ -142,6 +142,7 @@ def test_what_does_not_exist_in_a_test_is_not_logged(flight):
     assert {"host/timing", "autopilot/mode", "sensor/position", "sensor/gyro"} <= set(log.channels)
 
 
+@pytest.mark.system
 def test_identification_reads_it_and_leaves_out_the_hand_and_its_reaction(flight):
     records = read_records(flight[0].folder / "log.mcap", load_vehicle("double_blueye"))
     assert [record.duration for record in records] == pytest.approx([5.0, 6.0 - REACTION], abs=0.5)

@@ -91,6 +91,7 @@ def test_readings_that_come_late_are_put_where_they_belong(flown):
         assert abs(one.value - other.value) < 0.2 * one.std
 
 
+@pytest.mark.system
 def test_sensors_are_turned_as_they_are_mounted(flown):
     vehicle, given = flown
     rotation = np.asarray(rotation_from_euler(np.radians([10.0, -20.0, 90.0])))

@@ -149,6 +149,7 @@ def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
     assert data["rotation_vector_n"] == result.offset.tolist() and data["std"] == result.offset_std.tolist()
 
 
+@pytest.mark.system
 def test_the_sizes_that_the_poses_were_made_with_are_those_of_the_filter():
     """Markers twice as large as the thesis's, none at a known place."""
     big, d, rng = wall(size=0.3), cut(drive(), 20), np.random.default_rng(3)

@@ -69,6 +69,7 @@ def test_the_sensors_fail_as_they_should(flight):
     assert np.mean(error[inside]) == pytest.approx(0.01, abs=1e-3) and abs(np.mean(error[gyro.t < 1])) < 1e-3
 
 
+@pytest.mark.system
 def test_a_leak_brings_its_sensor_on_board(flight):
     leak = flight.log["sensor/leak"]
     np.testing.assert_array_equal(leak["leak"], [0, 0, 0, 1, 1, 1, 1][: len(leak)])

@@ -130,6 +130,7 @@ def test_excited_axes_get_what_was_asked_for_and_nothing_else(flight):
     assert sway[middle] == pytest.approx(np.tile(0.4 * np.sin(0.4 * np.pi * t[middle])[:, None], 2))
 
 
+@pytest.mark.system
 def test_depth_and_heading_are_held_while_surge_is_pulled(flight):
     eta = during(flight.log, "steps", "truth/eta")
     assert np.abs(eta[:, 2] - 3.0).max() < 0.05

@@ -58,6 +58,7 @@ def test_steps_are_those_of_the_block_and_so_is_what_is_left_for_the_log(parts):
         np.testing.assert_allclose(one, other, atol=1e-10)
 
 
+@pytest.mark.system
 def test_an_operator_is_obeyed(parts):
     host = HostAutopilot(*parts)
     host.step(delivered(0))

@@ -113,6 +113,7 @@ def test_no_warning_of_numpy_on_any_vehicle(vehicle):
         assert set(report["stems_m_s"]) == {"ahead", "off the bow", "abeam", "astern"}
 
 
+@pytest.mark.system
 def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed():
     """A BlueROV2 Heavy has thrusters in pitch; a BlueROV2 has none."""
     words = [STATION, "world.current=[-0.4, 0, 0]", "start.position=[0, 0, 3]"]

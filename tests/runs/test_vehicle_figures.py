@@ -29,6 +29,7 @@ def test_endurance_is_capacity_over_load():
     assert longer["capacity"] == 75 + 266 and longer["endurance_at_rest"] > 3.5
 
 
+@pytest.mark.system
 def test_a_comparison_says_what_came_and_went():
     rows = {row["key"]: row for row in compared(load_vehicle("bluerov2"), load_vehicle("bluerov2_heavy"))}
     assert rows["uncontrollable"]["change"] == ["-pitch (M)"]

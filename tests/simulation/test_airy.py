@@ -148,6 +148,7 @@ def test_above_the_mean_surface_the_water_moves_as_at_it():
     np.testing.assert_array_equal(below.velocity, above.velocity)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS)
 def test_above_the_mean_surface_the_gradient_is_that_of_the_velocity_there(sea):
     """Nothing changes with height, so that neither divergence nor curl vanish."""

@@ -146,6 +146,7 @@ def test_bias_walk_grows_with_the_square_root_of_time():
         assert np.all((growth > low) & (growth < high)), t
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("rate, latency", [(100.0, 0.002), (100.0, 0.008), (100.0, 0.1), (42.0, 0.3), (1.0, 0.77)])
 def test_latency_is_exact(rate, latency):
     """The readings of a sensor without latency, `latency` later; t_valid says when they were valid."""
@@ -200,7 +201,6 @@ def test_attitude_stays_wrapped():
     assert (psi > 3).any() and (psi < -3).any()
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("kind", SENSORS)
 def test_gradient_of_a_reading_is_finite(kind):
     """With respect to the sensor's parameters, the vehicle's state and its acceleration; the bias's is one."""

@@ -176,7 +176,6 @@ def test_foam_goes_up_and_the_rest_stays():
     assert pieces_for(vehicle.assembly, BallastTarget(0.0, True, 0.025), stock) == []
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("seed", range(12))
 def test_what_is_reported_reachable_is(seed, tmp_path):
     """Just inside the limit that the message names there is an answer, just outside there is none."""

@@ -33,7 +33,6 @@ def test_projection_is_that_of_opencv(name):
     assert np.abs(np.asarray(project(lens, jnp.asarray(p_c))) - expected[:, 0]).max() < 1e-9
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", LENSES)
 @pytest.mark.parametrize("port", [None, *PORTS])
 @pytest.mark.parametrize("distance", [0.02, 1.0, 20.0])

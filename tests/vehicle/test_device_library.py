@@ -63,7 +63,6 @@ def test_the_dvl_weighs_what_its_maker_says():
     assert (total.solid.mass, total.solid.mass - 1000 * total.volume) == pytest.approx((0.170, 0.105))
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", list_devices())
 def test_every_device_can_be_bolted_on(name):
     bare = vehicle_from_dict({"name": "v", "parts": [{"name": "rov", "part": "bluerov2"}]})

@@ -107,6 +107,7 @@ def smooth_vehicle() -> Model:
     return model.replace(quadratic_damping_ahead=np.zeros((6, 6)), quadratic_damping_astern=np.zeros((6, 6)))
 
 
+@pytest.mark.system
 def test_fourth_order():
     """Half the step, a sixteenth of the error; also with lagging thrusters, because the lag is exact at the stages."""
     model, state = smooth_vehicle(), random_state(8)

@@ -107,7 +107,6 @@ def flown(model: Model, axis: int, sign: float, speed: float, coasting: bool) ->
     return float(DT * way), float(DT * (end - 1 + share))
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("thruster", THRUSTERS, ids=str)
 @pytest.mark.parametrize("net", [0.0, 3.0])
 def test_the_plant_stops_where_it_is_stated(thruster, net):

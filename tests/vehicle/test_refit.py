@@ -26,7 +26,6 @@ def own(tmp_path):
     return path
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", list_library())
 @pytest.mark.parametrize("device", ["dvl_a50", "imaging_sonar", "gripper", "battery_pod"])
 def test_a_device_adds_what_it_is_to_any_vehicle(name, device, tmp_path):

@@ -49,6 +49,7 @@ def test_what_was_sealed_is_read(bundle, tmp_path):
             assert (found.proven.seed, found.proven.samples) == (found.request.seed, found.request.samples)
 
 
+@pytest.mark.system
 def test_the_proofs_own_numbers_are_used(bundle):
     measured(bundle, PROVE, seed=7, samples=3)
     with issued(resealed(bundle)) as found:

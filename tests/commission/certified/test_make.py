@@ -18,6 +18,7 @@ from rovtwin.identification.result import Identification
 from rovtwin.vehicle import load_vehicle
 
 
+@pytest.mark.system
 def test_every_file_has_its_hash_and_size(whole):
     bundle = whole[0] / "bundle"
     manifest = json.loads((bundle / "MANIFEST.json").read_text())

@@ -57,6 +57,7 @@ def test_state_is_what_the_log_says(recording):
     assert state["count"] == 2 and state["replay"] and state["stage"] == "replay"
 
 
+@pytest.mark.system
 def test_state_has_all_that_views_know_of_a_flight(recording):
     missing = state_of_a_flight().keys() - recording.state(3.0).keys() - {"markers"}  # which live.js adds
     assert not missing

@@ -300,6 +300,7 @@ def test_mission_that_is_refused_says_why(served, drone):
     assert any("mission: instruction 1 (waypoint): " in text for text in served.messages)
 
 
+@pytest.mark.system
 def test_log_is_found_and_read_as_the_sdks_example_does(served, drone):
     """Its records hold what telemetry had, at most once a second each, and any number of readers gets the same."""
     Feeder(served).feed(5.0)

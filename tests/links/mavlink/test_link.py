@@ -69,6 +69,7 @@ def test_readings_are_si(how):
     assert by["leak"] == [0.0]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("depth", ["VFR_HUD", "GLOBAL_POSITION_INT"])
 def test_depth_from_elsewhere(depth):
     with linked(readings=Readings(depth=depth)) as (served, link):
@@ -79,6 +80,7 @@ def test_depth_from_elsewhere(depth):
         Readings(depth="SONAR")
 
 
+@pytest.mark.system
 def test_arms_in_manual_and_flies():
     with linked(server_options={"gain": 0.5}) as (served, link):
         assert not link.armed
@@ -138,6 +140,7 @@ def test_a_vehicle_that_does_not_say_what_its_sticks_do_is_not_armed(monkeypatch
         assert not served.commands
 
 
+@pytest.mark.system
 def test_throttle_has_a_gain_of_its_own(monkeypatch):
     """Twice as much up and down: 0.2 down are 0.2, also where the first answers get lost."""
     answers, lost = ANSWERS["PARAM_REQUEST_READ"], iter(range(3))
@@ -151,6 +154,7 @@ def test_throttle_has_a_gain_of_its_own(monkeypatch):
         assert soon(lambda: abs(last_motion(served)[2] - 0.2) < 1 / 399), last_motion(served)
 
 
+@pytest.mark.system
 def test_the_gain_in_force_comes_from_a_firmware_that_streams_nothing_by_itself(caplog):
     """ArduSub has no interval for named values (measured: 511 for 251 is denied): they come by their stream."""
     with linked(gain=None, server_options={"rates": dict.fromkeys(RATES, 0.0)}) as (served, link):
@@ -202,6 +206,7 @@ def test_arming_refused_says_why():
             link.arm()
 
 
+@pytest.mark.system
 def test_other_mode_is_not_steered():
     """Somebody takes the vehicle over: our axes would be rates there."""
     with linked() as (served, link):
@@ -218,6 +223,7 @@ def test_other_mode_is_not_steered():
         assert later and MODES[2].hold_depth and all(w.hold_depth and not any(w.motion) for w in later)
 
 
+@pytest.mark.system
 def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
     with linked() as (served, link):
         link.arm()
@@ -228,6 +234,7 @@ def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
         assert soon(lambda: not served.commands[-1].armed, 1.0)
 
 
+@pytest.mark.system
 def test_age_and_a_vehicle_that_falls_silent(monkeypatch):
     with serving(endpoint(udp_port=(port := free_port()), tcp_port=None)) as served:
         assert soon(lambda: bool(served.messages))
@@ -305,6 +312,7 @@ def test_stop_ends_arming_at_once_and_disarms():
         assert soon(lambda: not link.armed)
 
 
+@pytest.mark.system
 def test_arming_has_one_limit_and_disarms_when_it_gives_up(monkeypatch):
     monkeypatch.setattr("rovtwin.links.mavlink.link.ARMING", 1.0)
     with linked(gain=1.0) as (_served, link):

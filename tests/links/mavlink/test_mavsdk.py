@@ -139,6 +139,7 @@ def test_offboard_set_points(armed):
     np.testing.assert_allclose(target, [1, 2, 3, math.pi / 2], atol=1e-6)
 
 
+@pytest.mark.system
 def test_the_script_of_the_docs_steers():
     page = (Path(__file__).parents[3] / "docs" / "links_mavlink.md").read_text()
     (script,) = re.findall(r"```python\n(.*?)```", page, re.S)

@@ -3,6 +3,7 @@
 import functools
 
 import numpy as np
+import pytest
 from tests.positioning.estimators.test_ekf import EYE, cut, drive, frames_of, seen
 
 from rovtwin.core.block import Start
@@ -28,6 +29,7 @@ def spread(out, k):
     return np.linalg.norm(out.landmarks[k, 0] - out.landmarks[k, 1])
 
 
+@pytest.mark.system
 def test_as_printed_landmarks_run_apart_by_a_tenth_in_each_step_with_two_markers():
     """Errata 34: what two landmarks disagree on grows by 1 + L_3."""
     out, _ = run(as_printed=True, markers=2)

@@ -36,6 +36,7 @@ def test_corners_are_found_to_a_fraction_of_a_pixel(distance):
         assert np.abs(corners - truth.corners[list(truth.ids).index(number)]).max() < 0.35
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("distance", [2.5, 3.5, 5.0])
 def test_corners_of_small_markers_are_as_good_as_the_filter_assumes(distance):
     """Sides of 34, 23 and 16 pixels; what pulls all corners inwards would make the marker seem further away."""

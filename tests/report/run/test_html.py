@@ -65,6 +65,7 @@ def test_page_is_well_formed(page):
     assert page.open == []
 
 
+@pytest.mark.system
 def test_links_lead_somewhere(page, folder):
     source = (folder / "report.html").read_text()
     for link in page.links:

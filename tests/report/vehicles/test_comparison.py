@@ -137,6 +137,7 @@ def test_the_command_prints_tables_and_writes_the_report(tmp_path, monkeypatch, 
     assert {p.stem for p in (tmp_path / "page" / "figures").glob("*.png")} == {"damping", "thrust", "added_mass"}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("columns", "head"),
     [

@@ -101,6 +101,7 @@ def test_what_has_changed_is_an_event_once_and_in_the_log_and_its_summary(flown)
     assert std["thruster_port_surge"][-1] < 0.1
 
 
+@pytest.mark.system
 def test_the_page_is_given_what_is_learnt_and_what_has_changed(flown):
     watch, *_ = flown
     message = watch.message(armed=False)
