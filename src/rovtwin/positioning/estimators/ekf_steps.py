@@ -7,12 +7,12 @@ each marker its shift e and turn f (6).
 import equinox as eqx
 from jaxtyping import Bool, Float, Int
 
-from rovtwin.core.frames import skew
+from rovtwin.core.frames import rotation_from_vector, skew
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.types import Flag, Index, Matrix3, Scalar, Vector3
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
 from rovtwin.positioning.estimators.motion import process_noise, transition
-from rovtwin.positioning.images.camera_model import CORNERS, Eyes, rotation, see
+from rovtwin.positioning.images.camera_model import CORNERS, Eyes, see
 from rovtwin.positioning.images.detection import pose_slope
 from rovtwin.positioning.images.observations import Sightings
 
@@ -64,7 +64,7 @@ class Given(eqx.Module):
 
     def attitude(self, x: Float[Array, "15"]) -> Matrix3:
         """R_nb of a state."""
-        return rotation(x[OFFSET]) @ self.R_meas @ rotation(x[NOISE])
+        return rotation_from_vector(x[OFFSET]) @ self.R_meas @ rotation_from_vector(x[NOISE])
 
 
 def predict(tuning: SlamTuning, state: State, dt: Scalar) -> State:
@@ -110,7 +110,7 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[In
     P = state.P - jnp.where(fits, (rows[:, 1:, None] * gain[:, None, :]).sum(axis=0), 0.0)
     dx = jnp.where(fits, dx, 0.0)
     turns = dx[VEHICLE:].reshape(-1, 6)
-    position, R_nm = state.map.position + turns[:, :3], state.map.R_nm @ jax.vmap(rotation)(turns[:, 3:])
+    position, R_nm = state.map.position + turns[:, :3], state.map.R_nm @ jax.vmap(rotation_from_vector)(turns[:, 3:])
     moved = MarkerMap(state.map.ids, position, R_nm, state.map.contradicted)
     status = jnp.where(fits, USED, jnp.where(slot.valid & known, REJECTED, EMPTY))
     return State(state.x + dx[:VEHICLE], P, moved), (status, jnp.where(fits, nis, 0.0))
@@ -126,7 +126,7 @@ def _innovation(
     """
     begin = VEHICLE + 6 * place
     x, turn = state.x + dx[:VEHICLE], jax.lax.dynamic_slice(dx, (begin,), (6,))
-    p_nm, R_nm = state.map.position[place] + turn[:3], state.map.R_nm[place] @ rotation(turn[3:])
+    p_nm, R_nm = state.map.position[place] + turn[:3], state.map.R_nm[place] @ rotation_from_vector(turn[3:])
     seen = see(given.eyes[slot.camera], x[POSITION], given.attitude(x), p_nm, R_nm, given.sizes[slot.ids])
     of_marker = jax.lax.dynamic_slice(state.P, (0, begin), (state.P.shape[0], 6))
     vehicle = ((seen.by_position, POSITION), (seen.by_offset, OFFSET), (seen.by_noise, NOISE))
