@@ -60,7 +60,7 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "vehicle": [{"constants", "solids"}, {"physics"}, {"description"}, {"analysis"}, {"outfitting"}],
     "gnc": [
-        {"anti_windup", "guard", "interfaces", "mounting", "scales"},
+        {"guard", "interfaces", "mounting", "scales"},
         {"thesis"},
         {"allocation"},
         {"navigation"},
