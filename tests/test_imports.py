@@ -98,7 +98,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"endpoint"},
     ],
     "campaign": [
-        {"distributions", "paths", "shares", "tuning"},
+        {"distributions", "shares", "tuning"},
         {"schema"},
         {"replay", "rows", "samples"},
         {"flying", "store", "summary"},
