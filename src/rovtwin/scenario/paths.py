@@ -8,6 +8,7 @@ from typing import Any, TypeGuard
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import kind_in_words, near
+from rovtwin.core.user_files.quantity import is_number
 from rovtwin.scenario.schema import Waypoint
 
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+|\*)\]")
@@ -75,7 +76,7 @@ def set_at(
         for key in _keys(here, last, written, where, new=not complete or _may_be_new(written, last)):
             _require_no_sum(here, written, key, where)
             found = here.get(key) if isinstance(here, dict) else here[key]
-            if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
+            if isinstance(found, dict | list) and is_number(value):
                 within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
                 raise ConfigError(
                     f"{where}: {_joined(written, key)} is {kind_in_words(found)}, expected a number's path; "
