@@ -60,7 +60,7 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "vehicle": [{"constants", "solids"}, {"physics"}, {"description"}, {"analysis"}, {"outfitting"}],
     "gnc": [
-        {"anti_windup", "guard", "interfaces", "mounting", "scales"},
+        {"guard", "interfaces", "mounting", "scales"},
         {"thesis"},
         {"allocation"},
         {"navigation"},
@@ -98,7 +98,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"endpoint"},
     ],
     "campaign": [
-        {"distributions", "paths", "shares", "tuning"},
+        {"distributions", "shares", "tuning"},
         {"schema"},
         {"replay", "rows", "samples"},
         {"flying", "store", "summary"},

@@ -269,6 +269,8 @@ def test_exponential_and_logarithm_are_those_of_scipy_at_every_size():
     np.testing.assert_allclose(q, Rotation.from_rotvec(vectors).as_quat(scalar_first=True), atol=1e-15)
     for one in (q, -q):  # the same attitude
         np.testing.assert_allclose(jax.vmap(frames.quaternion_log)(one), vectors, atol=1e-13)
+    R = jax.vmap(frames.rotation_from_vector)(vectors)
+    np.testing.assert_allclose(R, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-15)
 
 
 def test_the_logarithm_goes_the_short_way_round():

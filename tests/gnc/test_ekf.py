@@ -24,7 +24,6 @@ from tests.gnc.observer_cases import (
     track,
 )
 
-from rovtwin.core.arrays.small_matrices import squared_norm
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Slot
@@ -384,14 +383,6 @@ def test_thrust_noise_widens_the_covariance_with_the_force(model, turning, turni
     _, _, sure, *_ = follow(model, turning, slots)
     _, _, unsure, *_ = follow(model, turning, slots, EkfTuning.consistent(thrust_noise=0.5))
     assert unsure[-1, 0, 0] > 1.2 * sure[-1, 0, 0]
-
-
-def test_squared_norm():
-    rng = np.random.default_rng(0)
-    for n in (1, 2, 3):
-        A = rng.normal(size=(n, n))
-        S, e = A @ A.T + np.eye(n), rng.normal(size=n)
-        assert float(squared_norm(jnp.asarray(e), jnp.asarray(S))) == pytest.approx(e @ np.linalg.solve(S, e))
 
 
 @pytest.mark.parametrize(

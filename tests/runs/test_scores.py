@@ -8,7 +8,6 @@ from rovtwin.runs.scoring.scores import (
     Flown,
     after_first_dive,
     distance_to_leg,
-    effective_samples,
     nees,
     nees_interval,
     score,
@@ -116,17 +115,6 @@ def test_a_run_that_never_dived_has_no_path_scores():
     result = score(run)
     assert not result["completed"]
     assert result["cross_track_rms_m"] is None and result["depth_rms_m"] is None
-
-
-def test_effective_samples_of_white_and_of_correlated_noise():
-    rng = np.random.default_rng(1)
-    white = rng.standard_normal(20_000)
-    assert effective_samples(white) == pytest.approx(20_000, rel=0.1)
-    phi, series = 0.9, np.zeros(20_000)
-    for i in range(1, len(series)):
-        series[i] = phi * series[i - 1] + white[i]
-    # AR(1): N (1 - phi) / (1 + phi).
-    assert effective_samples(series) == pytest.approx(20_000 * 0.1 / 1.9, rel=0.25)
 
 
 def test_nees_interval_is_that_of_chi_square():

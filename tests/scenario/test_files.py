@@ -99,6 +99,31 @@ def test_a_bad_override_is_named_with_what_was_expected(override, expected):
     assert expected in str(error.value)
 
 
+def test_an_override_names_elements_of_a_list_as_campaigns_do(tmp_path):
+    changed = load_scenario("square", ["mission.waypoints[1].speed=0.11", "mission.waypoints[*].acceptance=0.7"])
+    before = load_scenario("square").mission.waypoints
+    assert [w.speed for w in changed.mission.waypoints[:3]] == [before[0].speed, 0.11, before[2].speed]
+    assert {w.acceptance for w in changed.mission.waypoints} == {0.7}
+    (tmp_path / "my.yaml").write_text("mission: square\nfaults: [{fault: dead, thruster: port.surge, at: 9}]")
+    assert load_scenario(tmp_path / "my.yaml", ["faults[0].at=20"]).faults[0].at == 20
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("mission.waypoints[9].speed=1", "mission.waypoints has 4 elements, counted from 0; there is no"),
+        ("mission.waypoints[0].sped=1", "mission.waypoints[0].sped"),
+        ("mission.waypoints[0]=3", "mission.waypoints[0] is a mapping, expected a number's path"),
+        ("faults[0].at=3", "the scenario's file gives no list faults: set it whole, faults=[...]"),
+        ("world..water=sea", "'world..water' is no path"),
+    ],
+)  # fmt: skip
+def test_a_path_that_leads_nowhere_is_refused(override, expected):
+    with pytest.raises(ConfigError) as error:
+        load_scenario("square", [override])
+    assert f"--set {override}: " in str(error.value) and expected in str(error.value)
+
+
 def test_a_mistake_names_the_override_or_the_file_that_it_stands_in(tmp_path):
     (tmp_path / "my.yaml").write_text("mission: square\nworld: {current: [1, 2]}\nduration: 50")
     with pytest.raises(ConfigError) as error:

@@ -12,6 +12,7 @@ from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr, model
 from scipy.special import ndtr, ndtri
 
 from rovtwin.core.user_files.config import NonNegative, Number, Positive, Strict
+from rovtwin.core.user_files.quantity import is_number
 
 Scalar = bool | int | float | str
 
@@ -105,7 +106,7 @@ class Choice(Strict):
     @model_validator(mode="after")
     def _fits(self) -> "Choice":
         kinds = {
-            "a number" if _is_number(v) else "true or false" if isinstance(v, bool) else "text" for v in self.values
+            "a number" if is_number(v) else "true or false" if isinstance(v, bool) else "text" for v in self.values
         }
         if len(kinds) > 1:
             raise ValueError(f"found {' and '.join(sorted(kinds))} among the values, expected values of one kind")
@@ -136,7 +137,3 @@ def kind_of(distribution: Distribution) -> type:
         return float
     types = {type(value) for value in distribution.values}
     return types.pop() if len(types) == 1 else float
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -11,10 +11,10 @@ from zlib import crc32
 import numpy as np
 
 from rovtwin.campaign.distributions import Choice, Scalar
-from rovtwin.campaign.paths import assign
 from rovtwin.campaign.schema import Campaign
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.files import scenario_of
+from rovtwin.scenario.paths import assign
 from rovtwin.scenario.schema import Scenario
 
 

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from rovtwin.campaign.distributions import Distribution, Integers
-from rovtwin.campaign.paths import assign
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import Strict, parse, read_yaml
 from rovtwin.scenario.files import find_scenario, put, scenario_of
+from rovtwin.scenario.paths import assign
 from rovtwin.scenario.schema import Scenario
 
 ANY_SEED = Integers(distribution="integers", low=0, high=2**31 - 1)

@@ -19,6 +19,7 @@ from rovtwin.core.log.files import atomic
 from rovtwin.core.notebook import Result, axes_of, labelled
 from rovtwin.core.notebook.face import Row
 from rovtwin.core.user_files.config import near, parse
+from rovtwin.core.user_files.quantity import named_unit
 
 if TYPE_CHECKING:
     import pandas
@@ -26,14 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _KEY = b"rovtwin_campaign"  # of the metadata of a file's schema
-_UNITS = {  # of a column, by how its name ends; the first that fits
-    "_n_per_s": "N/s",
-    "_m_s": "m/s",
-    "_n2s": "N2 s",
-    "_wh": "Wh",
-    "_m": "m",
-    "_s": "s",
-}
 _OURS = ("completed", "index", "lanes", "phase", "reason", "began", "wall_s", "cpu_s", *SCORES)
 
 
@@ -41,7 +34,7 @@ def unit_of(name: str) -> str:
     """Unit of a column; "" of what is drawn, whose path says it."""
     if name not in _OURS:
         return ""
-    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "s" if name == "began" else "1")
+    return "s" if name == "began" else named_unit(name)[1] or "1"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from rovtwin.core.arrays.small_matrices import summed_product
 from rovtwin.core.frames import (
     body_rates_from_euler_rates,
     euler_from_quaternion,
@@ -179,8 +180,7 @@ class Estimate(Posed):
         W = body_rates_from_euler_rates(eta[3:])
 
         def turned(rows: Float[Array, "12 12"]) -> Float[Array, "12 12"]:
-            # A sum, as a product of matrices is not compiled in one piece with the rest of a tick (`in_one_piece`).
-            return jnp.concatenate([rows[:3], jnp.sum(W[:, :, None] * rows[3:6], axis=1), rows[6:]])
+            return jnp.concatenate([rows[:3], summed_product(W, rows[3:6]), rows[6:]])
 
         attitude = quaternion_from_euler(eta[3:])
         return cls(eta[:3], attitude, nu, bias, turned(turned(covariance).T), *others, **named)

@@ -54,6 +54,17 @@ def rotation_from_euler(euler: Vector3) -> Matrix3:
     )
 
 
+def rotation_from_vector(rotation: Vector3) -> Matrix3:
+    """exp of a rotation vector [rad]. Rodrigues; smooth at zero, as its derivatives are."""
+    square = rotation @ rotation
+    small = square < 1e-8
+    angle = jnp.sqrt(jnp.where(small, 1.0, square))
+    a = jnp.where(small, 1.0 - square / 6.0, jnp.sin(angle) / angle)
+    b = jnp.where(small, 0.5 - square / 24.0, (1.0 - jnp.cos(angle)) / angle**2)
+    S = skew(rotation)
+    return jnp.eye(3) + a * S + b * (S @ S)
+
+
 def heading_rotation(heading: Scalar) -> Float[Array, "2 2"]:
     """From ahead and starboard to north and east, level, of a heading [rad]."""
     c, s = jnp.cos(heading), jnp.sin(heading)

@@ -8,6 +8,7 @@ curve is among what the test should find; only the gains of holding are placed f
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.arrays.filters import alpha_beta, integrated
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import (
     ABORTED,
@@ -228,12 +229,13 @@ class Experiment(Block):
         return far * nearer + (1.0 - far) * turn
 
     def _pid(self, integral: Array, hold: Array, away: Array, speed: Array, dt: float) -> tuple[Array, Array]:
-        """The heading's new integral, which rests at the limit, and the shares of what is held, shape (6,)."""
-        grown = integral + self.gains.integral * away[5] * dt
-        command = self.gains.stiffness * away - self.gains.damping * speed + jnp.zeros(6).at[5].set(grown)
-        winding = jnp.abs(command[5]) > LIMIT[5]
-        integral = jnp.where((hold[5] > 0) & ~winding, grown, integral)
-        return integral, hold * jnp.clip(command, -LIMIT, LIMIT)
+        """The heading's new integral, which grows up to the limit, and the shares of what is held, shape (6,)."""
+        growth = self.gains.integral * away[5] * dt
+        command = self.gains.stiffness * away - self.gains.damping * speed
+        command = command + jnp.zeros(6).at[5].set(integral + growth)
+        given = jnp.clip(command, -LIMIT, LIMIT)
+        integral = integrated(integral, jnp.where(hold[5] > 0, growth, 0.0), (command - given)[5])
+        return integral, hold * given
 
     def _listen(self, before: RawEstimate, measurements: Measurements, dt: float) -> RawEstimate:
         """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""
@@ -241,10 +243,12 @@ class Experiment(Block):
         places = [measurements["position"].newest(ahead[:2]), measurements["pressure"].newest(ahead[2:])]
         surprise, seen = jnp.concatenate(places) - ahead, measurements["attitude"]
         quiet = jnp.where(jnp.any(measurements["position"].valid), 0.0, before.quiet + dt)
+        # The first position after a silence is accepted as it is: what was expected is worth nothing.
+        alpha = jnp.where(before.lost, 1.0, self.smoothing)
+        place, velocity = alpha_beta(ahead, before.velocity, surprise, alpha, self.tracking)
         return RawEstimate(
-            # The first position after a silence is accepted as it is: what was expected is worth nothing.
-            ahead + jnp.where(before.lost, 1.0, self.smoothing) * surprise,
-            jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, before.velocity + self.tracking * surprise),
+            place,
+            jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, velocity),
             jnp.where(jnp.any(seen.valid), quaternion_from_euler(seen.newest(jnp.zeros(3))), before.attitude),
             measurements["gyro"].newest(before.rates),
             quiet,

@@ -1,7 +1,9 @@
 """What sources with a thread share: a bounded list of readings, reconnecting with a growing pause, closing at once."""
 
 import abc
+import contextlib
 import math
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -37,6 +39,7 @@ class BackgroundSource(Source):
         self.connections = self.dropped = 0
         self.clock = clock
         self._readings: deque[Measurement] = deque(maxlen=BACKLOG)
+        self._socket: socket.socket | None = None
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._connected = False
@@ -61,9 +64,15 @@ class BackgroundSource(Source):
     def _visit(self) -> None:
         """Reach the instrument and listen until it is lost (any exception) or the source is closed."""
 
-    @abc.abstractmethod
     def _interrupt(self) -> None:
-        """End `_visit` soon; called from another thread, maybe twice, maybe while nothing is open."""
+        """End `_visit` soon: its `_socket`, if there is one, is shut.
+
+        Called from another thread, maybe twice, maybe while nothing is open.
+        """
+        connection = self._socket
+        if connection is not None:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
 
     def _run(self) -> None:
         pause = FIRST_PAUSE

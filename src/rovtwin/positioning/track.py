@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
-from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.frames import rotation_from_quaternion, rotation_from_vector
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.positioning.estimators.ekf import MarkerEkf
@@ -19,7 +19,6 @@ from rovtwin.positioning.estimators.luenberger import Gains, MarkerLuenberger
 from rovtwin.positioning.estimators.run import Outputs, associate, run_observer
 from rovtwin.positioning.estimators.single_frame import fixes
 from rovtwin.positioning.estimators.smoother import smooth
-from rovtwin.positioning.images.camera_model import rotation
 from rovtwin.positioning.recording import Recording
 from rovtwin.vehicle.description.cameras import Camera
 
@@ -196,7 +195,8 @@ def _fixes(
     landmark: Int[np.ndarray, "n slots"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     frames = recording.frames
-    R_meas = np.asarray(rotation(jnp.asarray(offset))) @ np.asarray(_rotations(jnp.asarray(frames.attitude)))
+    turned = np.asarray(rotation_from_vector(jnp.asarray(offset)))
+    R_meas = turned @ np.asarray(_rotations(jnp.asarray(frames.attitude)))
     R_nm = np.asarray(_rotations(jnp.asarray(attitude)))
     which = np.maximum(landmark, 0)
     arguments = frames, R_meas, near, position[which], R_nm[which], landmark >= 0

@@ -14,6 +14,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
 from rovtwin.core.log.missions import FlownMission, missions_of, point_name
+from rovtwin.core.user_files.quantity import is_finite
 from rovtwin.core.user_files.yamlfile import parse_yaml
 from rovtwin.report.series import at, sensor_values
 
@@ -169,7 +170,7 @@ class Flight:
         """South-western and north-eastern corner of the tank: north, east [m]; None without one."""
         tank = self.world.get("tank")
         spans: list[Any] = [tank.get(axis) for axis in ("north", "east")] if isinstance(tank, Mapping) else []
-        if not spans or not all(isinstance(s, list) and len(s) == 2 and all(map(_number, s)) for s in spans):
+        if not spans or not all(isinstance(s, list) and len(s) == 2 and all(map(is_finite, s)) for s in spans):
             return None
         (south, north), (west, east) = spans
         return (float(south), float(west)), (float(north), float(east))
@@ -190,13 +191,13 @@ class Flight:
             {"what": f"battery {name} empty", "start": t, "thrusters": self._fed_by(name)}
             for name, t in self.emptied.items()
         ]
-        came = [one for one in listed if _number(one.get("start")) and one["start"] <= end]
+        came = [one for one in listed if is_finite(one.get("start")) and one["start"] <= end]
         return [
             FaultSpan(
                 k,
                 str(one.get("what", "fault")),
                 max(float(one["start"]), start),
-                min(float(one["end"]), end) if _number(one.get("end")) else end,
+                min(float(one["end"]), end) if is_finite(one.get("end")) else end,
                 tuple(str(name) for name in one.get("thrusters") or ()),
             )
             for k, one in enumerate(sorted(came, key=lambda one: one["start"]), start=1)
@@ -220,7 +221,7 @@ class Flight:
             for i, mission in enumerate(self.missions)
             for k, one in enumerate(mission.waypoints)
         ]
-        return [point for point in points if _number(point.get("x")) and _number(point.get("y"))]
+        return [point for point in points if is_finite(point.get("x")) and is_finite(point.get("y"))]
 
     @cached_property
     def missions(self) -> list[FlownMission]:
@@ -261,7 +262,7 @@ class Flight:
         if not isinstance(waves, Mapping):
             return None
         for key, factor in (("direction_rad", 1.0), ("direction_deg", np.pi / 180)):
-            if _number(waves.get(key)):
+            if is_finite(waves.get(key)):
                 return factor * float(waves[key])
         return None
 
@@ -315,7 +316,3 @@ def _waypoint(one: Mapping[str, Any]) -> dict[str, Any]:
         return dict(one)
     rest = {key: value for key, value in one.items() if key != "position"}
     return dict(zip("xyz", position, strict=False)) | rest
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

@@ -1,12 +1,19 @@
-"""What an autopilot's section leaves to the vehicle, filled in: for the log, and for who searches about it."""
+"""The vehicle of a scenario, and what an autopilot's section leaves to it, filled in: for the log, and for searches."""
 
 import math
 
 from rovtwin.gnc.guidance.course_keeping import CourseKeeping
 from rovtwin.gnc.navigation.tuning import disturbance_levels
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection
-from rovtwin.vehicle import Model
+from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario
+from rovtwin.vehicle import Model, Vehicle, load_vehicle, vehicle_from_dict
+
+
+def vehicle_of(scenario: Scenario) -> Vehicle:
+    """The vehicle that the scenario names, or describes itself."""
+    if isinstance(scenario.vehicle, str):
+        return load_vehicle(scenario.vehicle)
+    return vehicle_from_dict(scenario.vehicle, f"{scenario.name}: vehicle")
 
 
 def with_vehicle_defaults(section: AutopilotSection, model: Model) -> AutopilotSection:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from rovtwin.core.trust import consent_to_addresses
 from rovtwin.core.user_files.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.scenario.assets import found_beside
+from rovtwin.scenario.paths import is_name, set_at, steps_of
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 
 _ROOT = Path(str(files("rovtwin.scenario")))
@@ -39,7 +41,8 @@ def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | N
 
     Args:
         name: One of `list_scenarios()`, the same with `_dvl`, `_tether` or both behind it, or a path to a YAML file.
-        overrides: `key.path=value` texts; the value is read as YAML. Code that it names may be run (`core/trust.py`).
+        overrides: `path=value` texts (`scenario/paths.py`); the value is read as YAML. Code that it names may be run
+            (`core/trust.py`).
         seed: In place of the file's.
 
     Raises:
@@ -174,26 +177,33 @@ def _apply(data: dict[str, Any], text: str) -> None:
 
 
 def put(data: dict[str, Any], key: str, value: Any, where: str) -> None:
-    """Set what stands at `a.b.c` in a scenario's nested dictionaries.
+    """Set what stands at a path (`scenario.paths`) in a scenario's data as its file has it, without defaults.
 
     Raises:
-        ConfigError: There is no such key; the message begins with `where`.
+        ConfigError: There is no such key or element; the message begins with `where`.
     """
-    *path, last = key.split(".")
-    _check_path([*path, last], where)
-    if path and path[0] == "vehicle" and not isinstance(data.get("vehicle"), dict):
+    steps = steps_of(key, where)
+    names = [str(step) for step in takewhile(is_name, steps)]
+    _check_path(names, where)
+    if len(steps) > 1 and names[0] == "vehicle" and not isinstance(data.get("vehicle"), dict):
         named = data.get("vehicle") or Scenario.model_fields["vehicle"].default
         raise ConfigError(
             f"{where}: the scenario names its vehicle ({named}) and does not describe it: change a file of it (rovtwin "
             "vehicle add, remove and ballast write one) and name that: --set vehicle=my_vehicle.yaml"
         )
-    at = data
-    for step in path:
+    at, (*sections, last) = data, names
+    for step in sections:
         if not isinstance(at.get(step), dict):
             # A section given by its short form (a name, a list, nothing) is opened before a key is set in it.
             at[step] = _opened(step, at.get(step))
         at = at[step]
-    at[last] = value
+    if len(names) == len(steps):
+        at[last] = value
+    elif isinstance(at.get(last), list):
+        set_at(at, steps[len(sections) :], value, where, ".".join(sections), complete=False)
+    else:
+        named = ".".join(names)
+        raise ConfigError(f"{where}: the scenario's file gives no list {named}: set it whole, {named}=[...]")
 
 
 def _opened(step: str, value: Any) -> dict[str, Any]:

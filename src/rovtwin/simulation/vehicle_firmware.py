@@ -15,6 +15,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rovtwin.core.arrays.filters import alpha_beta, integrated
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Measurements
 from rovtwin.core.frames import heading_rotation, wrap
@@ -132,9 +133,10 @@ class Onboard(Block):
         w = self.frequency
         desired = self.inertia * (w**2 * away + 2.0 * w * (rate - input.nu)) + memory.integral
         pushed = jnp.where(commanded, 0.0, stick * self.largest)
-        tau = jnp.where(on, jnp.clip(desired, -self.largest, self.largest), pushed)
-        grown = memory.integral + self.inertia * INTEGRAL * w**3 * away * dt
-        integral = jnp.where(on & (jnp.abs(desired) < self.largest), grown, memory.integral)
+        given = jnp.clip(desired, -self.largest, self.largest)
+        tau = jnp.where(on, given, pushed)
+        growth = jnp.where(on, self.inertia * INTEGRAL * w**3 * away * dt, 0.0)
+        integral = integrated(memory.integral, growth, desired - given)
         command, tau = self._allocated(jnp.where(order.armed, tau, 0.0))
         live = order.armed & on
         return OnboardMemory(held, live, jnp.where(live, integral, 0.0), order.aimed), OnboardOutput(command, tau)
@@ -233,5 +235,5 @@ class Sense(Block):
 
     def _tracked(self, depth: Vector2, read: Scalar, known: Flag) -> Vector2:
         """Depth and rate after a reading; the first one after a silence is accepted as it is."""
-        better = depth + (read - depth[0]) * jnp.stack([as_array(ALPHA), BETA * self.rate])
-        return jnp.where(known, better, jnp.stack([read, jnp.zeros(())]))
+        better = alpha_beta(depth[0], depth[1], read - depth[0], ALPHA, BETA * self.rate)
+        return jnp.where(known, jnp.stack(better), jnp.stack([read, jnp.zeros(())]))

@@ -16,6 +16,7 @@ from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, coordinates_t
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files import files as given
 from rovtwin.core.user_files.config import Number, Strict, parse
+from rovtwin.core.user_files.quantity import is_number
 from rovtwin.core.user_files.yamlfile import kind_in_words, read_yaml
 from rovtwin.survey.library import shapely_library
 
@@ -139,7 +140,7 @@ def _corners(ring: Any, where: str) -> np.ndarray:
     """Longitude and latitude of a ring, shape (n, 2) [deg]; a height is left out."""
     corners = []
     for i, place in enumerate(_list(ring, where)):
-        good = isinstance(place, list) and len(place) >= 2 and all(_is_number(value) for value in place[:2])
+        good = isinstance(place, list) and len(place) >= 2 and all(is_number(value) for value in place[:2])
         if not good:
             raise ConfigError(f"{where}[{i}]: found {kind_in_words(place)}, expected [longitude, latitude] in degrees")
         try:
@@ -148,10 +149,6 @@ def _corners(ring: Any, where: str) -> np.ndarray:
             raise ConfigError(f"{where}[{i}]: {error} GeoJSON has longitude first.") from None
         corners.append(place[:2])
     return np.array(corners, dtype=float)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _polygon(rings: list[Ring], datum: Datum | None, file: str) -> Any:

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -74,3 +75,18 @@ def test_the_covariance_of_a_pose_is_that_of_its_euler_angles():
     turned = [frames.quaternion_exp(v) for v in sampled[:2000]]
     angles = rotations.euler_from_quaternion([frames.quaternion_multiply(attitude[0], q) for q in turned])
     np.testing.assert_allclose(np.cov(angles.T), 1e-8 * expected[0][3:6, 3:6], rtol=0.3, atol=3e-9)
+
+
+def test_skew_of_many_and_back():
+    S = rotations.skew(MANY)
+    for one, a in zip(S, MANY, strict=True):
+        np.testing.assert_array_equal(one, rotations.skew(a))
+        np.testing.assert_allclose(one @ [0.3, -0.2, 0.5], np.cross(a, [0.3, -0.2, 0.5]), **EXACT)
+    np.testing.assert_allclose(rotations.vector_of_skew(S + np.eye(3)), MANY, **EXACT)
+
+
+def test_angle_between_attitudes_is_the_length_of_their_logarithm():
+    R = rotations.rotation_from_euler(MANY)
+    turn = R[0] @ np.asarray(frames.rotation_from_vector(np.array([0.2, -0.1, 0.4])))
+    assert rotations.angle_between(R[0], turn) == pytest.approx(np.sqrt(0.21), abs=1e-12)
+    np.testing.assert_allclose(rotations.angle_between(R, R), 0.0, atol=3e-8)

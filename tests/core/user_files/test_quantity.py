@@ -3,7 +3,18 @@
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.user_files.quantity import DENSITY, LENGTH, MASS, plain, point, positive, quantity
+from rovtwin.core.user_files.quantity import (
+    DENSITY,
+    LENGTH,
+    MASS,
+    is_finite,
+    is_number,
+    named_unit,
+    plain,
+    point,
+    positive,
+    quantity,
+)
 
 
 @pytest.mark.parametrize(
@@ -37,3 +48,20 @@ def test_points_and_positive_quantities():
 def test_numbers_in_sentences_have_no_powers_of_ten():
     assert [plain(x) for x in (142.3, 99.7, 7.04, 0.0123, -0.0, 51900.0)] == ["142", "100", "7", "0.012", "0", "51900"]
     assert plain(51912.4, 3) == "51912"
+
+
+@pytest.mark.parametrize(
+    ("name", "plain_name", "unit"),
+    [
+        ("rate_hz", "rate", "Hz"), ("heading_rms_deg", "heading_rms", "deg"), ("speed_m_s", "speed", "m/s"),
+        ("thruster_activity_n_per_s", "thruster_activity", "N/s"), ("saturated_share", "saturated", "1"),
+        ("nees_position_mean", "nees_position_mean", ""), ("m", "m", ""),
+    ],
+)  # fmt: skip
+def test_a_name_says_its_unit_by_how_it_ends(name, plain_name, unit):
+    assert named_unit(name) == (plain_name, unit)
+
+
+def test_true_and_false_are_no_numbers_nor_is_infinity_finite():
+    assert [is_number(one) for one in (1, 0.5, float("inf"), True, "1", None)] == [True] * 3 + [False] * 3
+    assert [is_finite(one) for one in (1, float("inf"), float("nan"), False)] == [True, False, False, False]

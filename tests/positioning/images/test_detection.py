@@ -6,9 +6,10 @@ import pytest
 from tests.positioning.pictures import picture
 from tests.positioning.tracks import LENS, camera, corners_seen, rotations, wall
 
+from rovtwin.core.frames import rotation_from_vector
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
-from rovtwin.positioning.images.camera_model import Eyes, rotation, see
+from rovtwin.positioning.images.camera_model import Eyes, see
 from rovtwin.positioning.images.detection import Detections, Detector, poses
 from rovtwin.positioning.images.observations import sightings
 from rovtwin.positioning.images.print_fit import fitted
@@ -142,8 +143,8 @@ def test_derivatives_of_what_is_seen_are_those_of_differences():
 
     @jax.jit
     def at(e):
-        attitude = rotation(e[3:6]) @ R @ rotation(e[6:9])
-        return see(eye, p + e[:3], attitude, place + e[9:12], turn @ rotation(e[12:]), 0.15)
+        attitude = rotation_from_vector(e[3:6]) @ R @ rotation_from_vector(e[6:9])
+        return see(eye, p + e[:3], attitude, place + e[9:12], turn @ rotation_from_vector(e[12:]), 0.15)
 
     seen = at(jnp.zeros(15))
     ours = np.concatenate([seen.by_position, seen.by_offset, seen.by_noise, seen.by_marker], axis=1)

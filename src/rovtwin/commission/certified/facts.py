@@ -5,6 +5,7 @@ from typing import Any
 
 from rovtwin.commission.certified import first_page
 from rovtwin.commission.certified.cleaning import Cleaner, public_url
+from rovtwin.commission.certified.first_page import measured
 from rovtwin.commission.certified.manifest import versions
 from rovtwin.commission.dossier import Attempt, Dossier
 from rovtwin.commission.stage import Outcome, Stage
@@ -104,11 +105,6 @@ def _missing(outcomes: Mapping[str, Outcome]) -> list[tuple[str, str]]:
         ("prediction", measured(outcomes, "predict").get("inside"), "no flight was predicted before it was flown"),
     )
     return [(what, why) for what, found, why in figures if not found]
-
-
-def measured(outcomes: Mapping[str, Outcome], stage: str) -> Mapping[str, Any]:
-    """Figures of a stage, empty where it has none."""
-    return outcomes[stage].measured if stage in outcomes else {}
 
 
 def _clipped(lines: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:

@@ -1,11 +1,12 @@
 """Tables of the certificate's first sheet, from what the stages measured; a figure that is not there is left out."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
 from rovtwin.commission.stage import Outcome
+from rovtwin.core.user_files.quantity import is_finite
 from rovtwin.report.commission.certificate import heading, mappings, rows_of
 from rovtwin.report.parts.tables import Table, text, words
 from rovtwin.vehicle import Vehicle
@@ -25,24 +26,25 @@ APPENDIX = "The appendix has {} more."
 
 def figures(outcomes: Mapping[str, Outcome], vehicle: Vehicle, asked: float) -> tuple[Table, ...]:
     """Tables for two columns; `asked` is the half-width of damping forces that was asked for, as a share."""
-    identified = _of(outcomes, "identify")
+    identified = measured(outcomes, "identify")
     parameters = mappings(identified.get("parameters"))
     return (
         balance(vehicle, parameters),
         damping(mappings(identified.get("damping")), asked),
-        thrust(parameters, mappings(_of(outcomes, "scale").get("anchors"))),
-        sensors(_of(outcomes, "bench"), vehicle),
-        thrusters_off(mappings(_of(outcomes, "drill").get("thrusters_off"))),
+        thrust(parameters, mappings(measured(outcomes, "scale").get("anchors"))),
+        sensors(measured(outcomes, "bench"), vehicle),
+        thrusters_off(mappings(measured(outcomes, "drill").get("thrusters_off"))),
         repeatability(identified.get("repeatability")),
     )
 
 
 def proofs(outcomes: Mapping[str, Outcome]) -> tuple[Table, ...]:
     """Tables over the whole width."""
-    return envelope(_of(outcomes, "prove")), prediction(_of(outcomes, "predict"))
+    return envelope(measured(outcomes, "prove")), prediction(measured(outcomes, "predict"))
 
 
-def _of(outcomes: Mapping[str, Outcome], stage: str) -> Mapping[str, Any]:
+def measured(outcomes: Mapping[str, Outcome], stage: str) -> Mapping[str, Any]:
+    """Figures of a stage, empty where it has none."""
     return outcomes[stage].measured if stage in outcomes else {}
 
 
@@ -104,7 +106,7 @@ def damping(rows: Sequence[Mapping[str, Any]], asked: float) -> Table:
         turning = str(one.get("axis")) in TURNING
         share, force, ends = one.get("half_width_share"), one.get("force"), one.get("interval_95")
         width = "-"
-        if _is_number(share) and _is_number(force):
+        if is_finite(share) and is_finite(force):
             wide += share > asked
             ends = ends or [force - abs(force) * share, force + abs(force) * share]
             width = f"±{100 * share:.1f} %"
@@ -122,7 +124,7 @@ def _chosen(rows: Sequence[Mapping[str, Any]], most: int) -> list[Mapping[str, A
 
     def speed(k: int) -> float:
         found = rows[k].get("speed")
-        return abs(found) if _is_number(found) else 0.0
+        return abs(found) if is_finite(found) else 0.0
 
     by_speed = sorted(range(len(rows)), key=lambda k: -speed(k))
     fastest = {rows[k].get("axis"): k for k in reversed(by_speed)}.values()
@@ -171,7 +173,7 @@ def sensors(bench: Mapping[str, Any], vehicle: Vehicle) -> Table:
         [
             text(one.get("name")),
             f"{number(one.get('rate_hz'))} Hz",
-            f"{1e3 * one['age_s']:.0f} ms" if _is_number(one.get("age_s")) else "-",
+            f"{1e3 * one['age_s']:.0f} ms" if is_finite(one.get("age_s")) else "-",
             _noise(one),
         ]
         for one in rows[: MOST["sensors"]]
@@ -183,7 +185,7 @@ def sensors(bench: Mapping[str, Any], vehicle: Vehicle) -> Table:
 def _noise(one: Mapping[str, Any]) -> str:
     """The largest of its components, with their unit."""
     found, units = one.get("noise"), one.get("units") or [""]
-    parts = [part for part in (found if isinstance(found, list) else [found]) if _is_number(part)]
+    parts = [part for part in (found if isinstance(found, list) else [found]) if is_finite(part)]
     return f"{number(max(parts), 2)} {text(units[0])}".rstrip() if parts else "-"
 
 
@@ -194,7 +196,7 @@ def thrusters_off(rows: Sequence[Mapping[str, Any]]) -> Table:
         return Table(title, [], [], "Not measured.")
     cells = [
         [text(one.get("event")), number(one.get("seconds"), 2), between(one.get("interval_95"))]
-        if _is_number(one.get("seconds"))
+        if is_finite(one.get("seconds"))
         else [text(one.get("event")), f"at most {number(one.get('at_most_s'), 2)}", ""]
         for one in rows
     ]
@@ -207,7 +209,7 @@ def repeatability(found: Any) -> Table:
     if not rows:
         return Table("Repeatability", [], [], text(found) if found else "No test was repeated.")
     shown = rows[: MOST["repeatability"]]
-    worst = max((one for one in rows if _is_number(one.get("en"))), key=lambda one: one["en"], default=None)
+    worst = max((one for one in rows if is_finite(one.get("en"))), key=lambda one: one["en"], default=None)
     if worst is not None and worst not in shown:
         shown = [worst, *shown[:-1]]
     cells = [
@@ -230,24 +232,20 @@ def envelope(prove: Mapping[str, Any]) -> Table:
     rows, title = mappings(prove.get("envelope")), "Envelope: missions that succeed on the twin (95 % interval)"
     if not rows:
         return Table(title, [], [], "Not proven.")
-    currents = sorted({float(one["current_m_s"]) for one in rows if _is_number(one.get("current_m_s"))})
-    seas = sorted({float(one["sea_m"]) for one in rows if _is_number(one.get("sea_m"))})
+    currents = sorted({float(one["current_m_s"]) for one in rows if is_finite(one.get("current_m_s"))})
+    seas = sorted({float(one["sea_m"]) for one in rows if is_finite(one.get("sea_m"))})
     at = {(one.get("current_m_s"), one.get("sea_m")): one for one in rows}
     cells = [
         [f"{number(current)} m/s", *(_share(at.get((current, sea))) for sea in seas[: MOST["seas"]])]
         for current in currents[: MOST["envelope"]]
     ]
     notes = []
-    if _is_number(largest := prove.get("largest_current_m_s")):
+    if is_finite(largest := prove.get("largest_current_m_s")):
         notes.append(f"Largest proven current {number(largest)} m/s.")
     if more := len(rows) - sum(len(row) - 1 for row in cells):
         notes.append(APPENDIX.format(max(more, 0)) if more > 0 else "")
     head = ["Current", *(f"Sea of {number(sea)} m" for sea in seas[: MOST["seas"]])]
     return Table(title, head, cells, " ".join(filter(None, notes)))
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def _share(one: Mapping[str, Any] | None) -> str:
@@ -264,7 +262,7 @@ def prediction(predict: Mapping[str, Any]) -> Table:
     title = "Predicted, then flown: samples inside the 95 % bands"
     if not isinstance(inside, Mapping) or not inside:
         return Table(title, [], [], "Not flown.")
-    cells = [["Inside", *(f"{100 * share:.1f} %" if _is_number(share) else "-" for share in inside.values())]]
+    cells = [["Inside", *(f"{100 * share:.1f} %" if is_finite(share) else "-" for share in inside.values())]]
     by_axis = {str(one.get("axis")): one.get("verdict") for one in mappings(predict.get("axes"))}
     if by_axis:
         cells.append(["Verdict", *(text(by_axis.get(str(axis))) for axis in inside)])

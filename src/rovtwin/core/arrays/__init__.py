@@ -1,1 +1,1 @@
-"""Arrays: batches, pytrees as one vector, integration, small matrices, rotations in NumPy."""
+"""Arrays: batches, pytrees as one vector, integration, filters of a tick, small matrices, correlation, rotations."""

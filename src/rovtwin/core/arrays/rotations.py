@@ -9,9 +9,22 @@ import numpy as np
 from jaxtyping import Float
 
 
-def skew(a: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+def skew(a: Float[np.ndarray, "*axes 3"]) -> Float[np.ndarray, "*axes 3 3"]:
     """S(a), with S(a) b = a x b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    x, y, z = np.moveaxis(np.asarray(a), -1, 0)
+    zero = np.zeros_like(x)
+    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), (0, 1), (-2, -1))
+
+
+def vector_of_skew(S: Float[np.ndarray, "*axes 3 3"]) -> Float[np.ndarray, "*axes 3"]:
+    """a of the antisymmetric part S(a) of matrices."""
+    x, y, z = (S[..., i, j] - S[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0)))
+    return 0.5 * np.stack([x, y, z], axis=-1)
+
+
+def angle_between(a: Float[np.ndarray, "*axes 3 3"], b: Float[np.ndarray, "*axes 3 3"]) -> Float[np.ndarray, "*axes"]:
+    """Angle of the rotation from one attitude to another [rad]."""
+    return np.arccos(np.clip((np.einsum("...ij,...ij", a, b) - 1.0) / 2.0, -1.0, 1.0))
 
 
 def wrapped(angle: Any) -> Any:

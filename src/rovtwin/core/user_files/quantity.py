@@ -4,10 +4,21 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeGuard
 
 from rovtwin.core.errors import ConfigError
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether what was read from a file is a number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def is_finite(value: object) -> TypeGuard[float]:
+    """Whether it is a number, and neither infinite nor NaN."""
+    return is_number(value) and math.isfinite(value)
 
 
 @dataclass(frozen=True)
@@ -75,3 +86,17 @@ def plain(value: float, digits: int = 2) -> str:
     """A number for a sentence: so many significant digits or all before the point, `142` and never `1.4e+02`."""
     text = f"{float(value) + 0.0:.{digits}g}"
     return f"{float(value):.0f}" if "e+" in text else text
+
+
+ENDINGS = {
+    "rad_s": "rad/s", "deg_s": "deg/s", "m_s2": "m/s2", "n_per_s": "N/s", "m_s": "m/s", "n_m": "N m", "n2s": "N2 s",
+    "share": "1", "hz": "Hz", "ms": "ms", "mm": "mm", "deg": "deg", "rad": "rad", "kg": "kg", "wh": "Wh", "m": "m",
+    "s": "s", "n": "N", "v": "V", "a": "A",
+}  # fmt: skip
+"""Units by how names of columns and keys end, longer ones first: `rate_hz`, `speed_m_s`."""
+
+
+def named_unit(name: str) -> tuple[str, str]:
+    """A name without the unit that it ends with, and that unit; "" where it ends with none."""
+    ending = next((one for one in ENDINGS if name.endswith(f"_{one}")), None)
+    return (name, "") if ending is None else (name.removesuffix(f"_{ending}"), ENDINGS[ending])

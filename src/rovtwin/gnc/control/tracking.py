@@ -18,6 +18,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.arrays.filters import integrated
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Setpoint, Wrench
 from rovtwin.core.frames import (
@@ -29,7 +30,6 @@ from rovtwin.core.frames import (
 )
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation.shared_thrust import SharedThrust
-from rovtwin.gnc.anti_windup import integrated
 from rovtwin.gnc.control.heave_feedback import HeaveFeedback
 from rovtwin.gnc.control.reference_model import ReferenceModel
 from rovtwin.gnc.guidance.level_allowance import Allowance, LevelAllowance

@@ -7,11 +7,12 @@ rises. While it is silent the floor is taken to go on for a second, then to be l
 way-point's own depth holds: it has to be one that is safe. However wrong an altimeter is, the vehicle goes no deeper
 than `band` below that depth.
 
-Reference: Bar-Shalom, Li and Kirubarajan (2001), sec. 6.5 (alpha-beta filter).
+The filter is `core.arrays.filters.alpha_beta`, critically damped.
 """
 
 import equinox as eqx
 
+from rovtwin.core.arrays.filters import alpha_beta
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Measurements, Mission
 from rovtwin.core.numerics import Array, as_array, jax, jnp
@@ -115,10 +116,11 @@ class TerrainFollowing(Block):
         since = jnp.minimum(now.silence, self.time_constant)
         theta = jnp.exp(-since / self.time_constant)
         step = jnp.clip(away, -self.jump, self.jump)
-        rate = jnp.clip(now.rate + (1.0 - theta) ** 2 * step / jnp.maximum(since, dt), -STEEPEST, STEEPEST)
+        beta = (1.0 - theta) ** 2 / jnp.maximum(since, dt)
+        floor, rate = alpha_beta(now.floor, now.rate, step, 1.0 - theta**2, beta)
         return TerrainMemory(
-            floor=jnp.where(anew, seen, now.floor + (1.0 - theta**2) * step),
-            rate=jnp.where(anew, 0.0, rate),
+            floor=jnp.where(anew, seen, floor),
+            rate=jnp.where(anew, 0.0, jnp.clip(rate, -STEEPEST, STEEPEST)),
             silence=jnp.zeros(()),
             readings=jnp.where(anew, 1, jnp.minimum(now.readings + 1, ENOUGH)),
             reading=length,

@@ -11,11 +11,11 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.arrays.filters import integrated
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
 from rovtwin.core.frames import body_rates_from_euler_rates, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.gnc.anti_windup import integrated
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
 from rovtwin.vehicle.physics.linearisation import damping_jacobian, restoring_stiffness

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rovtwin.core.arrays.rotations import rotation_from_euler
+from rovtwin.core.arrays.rotations import angle_between, rotation_from_euler
 from rovtwin.identification.checks.against_model import check_response
 from rovtwin.identification.checks.among_signals import check_motion
 from rovtwin.identification.checks.findings import RANK, Finding
@@ -182,7 +182,7 @@ def _steady(name: str, signal: Signal) -> float:
 def _spins(signal: Signal) -> list[Finding]:
     """Turns between readings that no vehicle makes: means and interpolations across a wrap of an angle."""
     R = rotation_from_euler(signal.value)
-    turn = np.arccos(np.clip((np.einsum("nij,nij->n", R[1:], R[:-1]) - 1) / 2, -1, 1))
+    turn = angle_between(R[1:], R[:-1])
     rate = turn / np.maximum(np.diff(signal.t), 1e-6)
     bad = (rate > SPIN) & (turn > 0.25) & (rate > 8 * np.percentile(rate, 90))
     if bad.any() and bad.mean() < 0.05:

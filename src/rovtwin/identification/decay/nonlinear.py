@@ -12,8 +12,8 @@ decay with a known weight (`decay_scale.from_ballast`), and the result says whic
 import numpy as np
 from scipy.optimize import least_squares
 
+from rovtwin.core.arrays.correlation import neighbours
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.correlated import correlated
 from rovtwin.identification.decay.motion import swing, window
 from rovtwin.identification.decay.scale import RATIOS, Decay, scaled
 from rovtwin.identification.known import Known
@@ -76,7 +76,7 @@ def fit_decay(
         end=float(t[-1]),
         state=p[4:],
         rms=float(np.sqrt(np.mean(residual**2))),
-        whiteness=correlated(residual),
+        whiteness=neighbours(residual),
         moments=None,
         notes=(*notes, *_remarks(p, covariance, residual, t)),
         t=t,
@@ -104,7 +104,7 @@ def _fit(
 
     found = least_squares(error, guess[free], x_scale=np.maximum(np.abs(guess), 0.1)[free])
     n, k = found.jac.shape
-    variance = float(found.fun @ found.fun) / max(n - k, 1) * correlated(found.fun)
+    variance = float(found.fun @ found.fun) / max(n - k, 1) * neighbours(found.fun)
     covariance = np.zeros((6, 6))
     covariance[np.ix_(free, free)] = np.linalg.pinv(found.jac.T @ found.jac) * variance
     return filled(found.x), covariance, found.fun
@@ -160,7 +160,7 @@ def _remarks(p: np.ndarray, covariance: np.ndarray, residual: np.ndarray, t: np.
                 f"linear and quadratic damping: their sum is known, each alone is not (correlation {r:.2f}); "
                 "swings of more different size would part them"
             )
-    if (count := correlated(residual)) > 3:
+    if (count := neighbours(residual)) > 3:
         notes.append(f"residuals are not white ({count:.0f} neighbours count as one): intervals are widened for it")
     turns = np.sqrt(p[0]) * (t[-1] - t[0]) / (2 * np.pi)
     if turns < 1:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.correlation import inflation
 from rovtwin.core.numerics import as_array
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.solver.problem import Problem
@@ -61,9 +62,6 @@ def _analysed(t: np.ndarray, record: np.ndarray, r: np.ndarray, sigma: float) ->
     z = r / sigma
     correlation = autocorrelation(z, record)
     band = 1.96 / np.sqrt(max(len(z), 1))
-    # Pairs of lags as long as their sum stays positive (Geyer 1992): noise at long lags must not add up.
-    pairs = correlation[: 2 * (_LAGS // 2)].reshape(-1, 2).sum(axis=1)
-    positive = pairs[: np.argmax(pairs <= 0)] if np.any(pairs <= 0) else pairs
     return Residuals(
         t=t,
         record=record,
@@ -71,7 +69,7 @@ def _analysed(t: np.ndarray, record: np.ndarray, r: np.ndarray, sigma: float) ->
         rms=float(np.sqrt(np.mean(r**2))) if len(r) else float("nan"),
         autocorrelation=correlation,
         outside=float(np.mean(np.abs(correlation) > band)),
-        inflation=float(max(1.0, 1.0 + 2.0 * np.sum(positive))),
+        inflation=inflation(np.concatenate([[1.0], correlation])),
     )
 
 

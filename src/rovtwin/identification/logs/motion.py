@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve
 
-from rovtwin.core.arrays.rotations import rotation_from_euler
+from rovtwin.core.arrays.rotations import rotation_from_euler, skew, vector_of_skew
 from rovtwin.identification.logs.record import Record, Signal
 
 STEP, WIDTH = 0.02, 0.12  # of the grid, of the kernel [s]
@@ -95,24 +95,15 @@ def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> 
         nearest[(np.linalg.det(nearest) < 0) | (left[:, 1:].sum(axis=1) < _VANISHED)] = np.nan
         turned = np.swapaxes(nearest, 1, 2) @ slope[good]
         P = np.swapaxes(vt, 1, 2) @ (left[:, :, None] * vt)
-        omega = np.linalg.solve(left.sum(axis=1)[:, None, None] * np.eye(3) - P, 2.0 * _axis(turned)[..., None])
-        R[good], rate[good] = nearest, nearest @ _cross_matrix(omega[..., 0])
+        mean = 2.0 * vector_of_skew(turned)[..., None]
+        omega = np.linalg.solve(left.sum(axis=1)[:, None, None] * np.eye(3) - P, mean)[..., 0]
+        R[good], rate[good] = nearest, nearest @ skew(omega)
     return R, rate
-
-
-def _axis(S: np.ndarray) -> np.ndarray:
-    """omega of the antisymmetric part of matrices (m, 3, 3), shape (m, 3)."""
-    return 0.5 * np.stack([S[:, 2, 1] - S[:, 1, 2], S[:, 0, 2] - S[:, 2, 0], S[:, 1, 0] - S[:, 0, 1]], axis=1)
-
-
-def _cross_matrix(omega: np.ndarray) -> np.ndarray:
-    """S(omega), shape (m, 3, 3)."""
-    return np.cross(omega[:, None, :], np.eye(3)).swapaxes(1, 2)
 
 
 def body_rates(R: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """omega [rad/s] of R_nb and its rate, (m, 3, 3): S(omega) = R' R_dot, shape (m, 3)."""
-    return _axis(np.einsum("nji,njk->nik", R, rate))
+    return vector_of_skew(np.einsum("nji,njk->nik", R, rate))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import correlate
 
+from rovtwin.core.arrays.correlation import inflation
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.motion import body_rates, on_grid, rotation_on_grid
 from rovtwin.identification.logs.record import Signal
@@ -168,12 +169,10 @@ def _summed_up(
     k = a.shape[1]
     rows = e.reshape(-1, k)
     # Smoothing correlates the residuals: fewer of them count.
-    lags = range(1, min(200, len(rows) // 4))
+    lags = range(min(200, len(rows) // 4))
     power = float((rows**2).sum())
-    rho = [float((rows[lag:] * rows[:-lag]).sum()) / power for lag in lags]
-    stop = next((i for i, r in enumerate(rho) if r < 0.05), len(rho))
-    inflation = 1.0 + 2.0 * sum(rho[:stop])
-    covariance = np.linalg.inv(J.T @ J + 1e-12 * np.eye(2)) * power / max(len(e) - 2, 1) * inflation
+    rho = np.array([float((rows[lag:] * rows[: len(rows) - lag]).sum()) / power for lag in lags])
+    covariance = np.linalg.inv(J.T @ J + 1e-12 * np.eye(2)) * power / max(len(e) - 2, 1) * inflation(rho)
     drift_std = float(np.sqrt(covariance[1, 1]))
     if abs(drift) < 3.0 * drift_std:
         drift = 0.0

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from rovtwin.core.arrays.correlation import neighbours
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.user_files import files as given
-from rovtwin.identification.correlated import correlated
 from rovtwin.vehicle.description.thrust_curve import KGF, read_bollard_csv
 
 NAMES = ("force", "dead band", "exponent")
@@ -124,7 +124,7 @@ def _fit(command: np.ndarray, force: np.ndarray, astern: np.ndarray | None, hold
     p, covariance = guess.copy(), np.zeros((len(guess),) * 2)
     p[~held] = found.x
     # A power law misses real curves in long waves: neighbouring points do not count one each.
-    noise = float(found.fun @ found.fun) / max(len(command) - len(found.x), 1) * correlated(found.fun)
+    noise = float(found.fun @ found.fun) / max(len(command) - len(found.x), 1) * neighbours(found.fun)
     covariance[np.ix_(~held, ~held)] = np.linalg.pinv(found.jac.T @ found.jac) * noise
     rms, shown = float(np.sqrt(np.mean(found.fun**2))), np.array([0, -2, -1]) + np.array([0, len(p), len(p)])
     astern_force = float(p[1]) if len(sides) == 2 else None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.core.arrays.stretches import stretches
 from rovtwin.core.errors import IdentificationError
 
 REST = 0.1  # share of the largest speed below which a window counts as rest, where nothing else is said
@@ -140,7 +141,7 @@ def steady_windows(
     if rest is not None:
         least[0] = rest
     criteria = list(zip((tolerance, force_tolerance), least, (slow, 0.0), strict=False))
-    for a, b in _runs(_filled(t[known], edges)):
+    for a, b in stretches(_filled(t[known], edges)):
         inside = known & (t >= edges[a]) & (t <= edges[b])
         windows += _search(t[inside], [x[inside] for x in signals], edges[a : b + 1], fewest, criteria)
     return sorted(windows, key=lambda w: w.start)
@@ -159,12 +160,6 @@ def window_over(
 def _filled(t: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Which blocks hold readings, shape (len(edges) - 1,)."""
     return np.histogram(t, edges)[0] > 0
-
-
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """First and last + 1 of each run of True."""
-    change = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return list(zip(change[::2].tolist(), change[1::2].tolist(), strict=True))
 
 
 def _search(

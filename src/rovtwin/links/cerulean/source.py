@@ -41,9 +41,6 @@ class CeruleanSource(BackgroundSource):
         self._received_at = 0.0
         self._thread.start()
 
-    def _interrupt(self) -> None:
-        """`_visit` looks by itself whether to end."""
-
     def _visit(self) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
             listener.bind(self._address)

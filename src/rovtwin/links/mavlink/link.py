@@ -16,11 +16,11 @@ from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.clock import speed_of
 from rovtwin.links.mavlink.driver.boot_clock import BootClock, Order
 from rovtwin.links.mavlink.driver.line import Line
-from rovtwin.links.mavlink.driver.readings import Readings, text_of
+from rovtwin.links.mavlink.driver.readings import Readings
 from rovtwin.links.mavlink.driver.steering import GAIN, THROTTLE, Steering
 from rovtwin.links.mavlink.mixing import clean_axes
 from rovtwin.links.mavlink.modes import MANUAL
-from rovtwin.links.mavlink.wire import dialect
+from rovtwin.links.mavlink.wire import dialect, text_of
 
 logger = logging.getLogger(__name__)
 
@@ -386,7 +386,7 @@ class MavlinkLink(Link):
         if kind == "COMMAND_ACK":
             self._acks[message.command] = message.result
         elif kind == "STATUSTEXT":
-            self._texts.append(text_of(message))
+            self._texts.append(text_of(message.text))
         elif message.get_srcComponent() == 1:
             self._named_at = time.monotonic() if kind == "NAMED_VALUE_FLOAT" else self._named_at
             if news := self._steering.take(kind, message):

@@ -22,6 +22,11 @@ def dialect() -> Any:
     return ardupilotmega
 
 
+def text_of(value: Any) -> str:
+    """A text field of a message, which codecs give as bytes or as text."""
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
+
+
 class Decoder:
     """Frames of one stream or, with a new one each, of one datagram. Bounded memory; what is no frame is counted."""
 

@@ -1,6 +1,5 @@
 """Listening to a DVL A50, real or served."""
 
-import contextlib
 import socket
 import time
 from collections.abc import Callable
@@ -50,14 +49,7 @@ class DvlSource(BackgroundSource):
         self._turn = heading_rotation(rotation)
         self._altimeter = altimeter
         self._map = ClockMap.to(clock)
-        self._socket: socket.socket | None = None
         self._thread.start()
-
-    def _interrupt(self) -> None:
-        connection = self._socket
-        if connection is not None:
-            with contextlib.suppress(OSError):
-                connection.shutdown(socket.SHUT_RDWR)
 
     def _visit(self) -> None:
         with socket.create_connection(self._address, timeout=PATIENCE) as connection:

@@ -1,6 +1,5 @@
 """Listening to an Underwater GPS G2, real or served."""
 
-import contextlib
 import math
 import socket
 import time
@@ -63,7 +62,6 @@ class UgpsSource(BackgroundSource):
         self._path = wire.RAW if raw else wire.FILTERED
         self._seen: AcousticPosition | None = None
         self._depth: tuple[float, float, float] | None = None
-        self._socket: socket.socket | None = None
         self._thread.start()
 
     def tell_depth(self, depth: float, temperature: float = 10.0) -> None:
@@ -72,12 +70,6 @@ class UgpsSource(BackgroundSource):
         """
         if math.isfinite(depth) and math.isfinite(temperature):
             self._depth = (depth, temperature, time.monotonic())
-
-    def _interrupt(self) -> None:
-        connection = self._socket
-        if connection is not None:
-            with contextlib.suppress(OSError):
-                connection.shutdown(socket.SHUT_RDWR)
 
     def _visit(self) -> None:
         while not self._closed.is_set():

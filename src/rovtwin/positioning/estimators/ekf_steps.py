@@ -7,12 +7,13 @@ each marker its shift e and turn f (6).
 import equinox as eqx
 from jaxtyping import Bool, Float, Int
 
-from rovtwin.core.frames import skew
+from rovtwin.core.arrays.small_matrices import eliminated, summed_product
+from rovtwin.core.frames import rotation_from_vector, skew
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.types import Flag, Index, Matrix3, Scalar, Vector3
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
 from rovtwin.positioning.estimators.motion import process_noise, transition
-from rovtwin.positioning.images.camera_model import CORNERS, Eyes, rotation, see
+from rovtwin.positioning.images.camera_model import CORNERS, Eyes, see
 from rovtwin.positioning.images.detection import pose_slope
 from rovtwin.positioning.images.observations import Sightings
 
@@ -64,14 +65,14 @@ class Given(eqx.Module):
 
     def attitude(self, x: Float[Array, "15"]) -> Matrix3:
         """R_nb of a state."""
-        return rotation(x[OFFSET]) @ self.R_meas @ rotation(x[NOISE])
+        return rotation_from_vector(x[OFFSET]) @ self.R_meas @ rotation_from_vector(x[NOISE])
 
 
 def predict(tuning: SlamTuning, state: State, dt: Scalar) -> State:
     """To the next frame; the attitude's noise is drawn afresh."""
     F, Q = transition(dt, tuning.correlation), process_noise(dt, tuning.correlation)
     moving = state.x[:9].reshape(3, 3)
-    x = jnp.concatenate([_times(F, moving).reshape(9), state.x[OFFSET], jnp.zeros(3)])
+    x = jnp.concatenate([summed_product(F, moving).reshape(9), state.x[OFFSET], jnp.zeros(3)])
     P = _moved(F, _moved(F, state.P).T)
     n = P.shape[0]
     gained = (Q[:, None, :, None] * jnp.diag(tuning.acceleration**2)[None, :, None, :]).reshape(9, 9)
@@ -84,7 +85,7 @@ def predict(tuning: SlamTuning, state: State, dt: Scalar) -> State:
 
 def _moved(F: Matrix3, P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """The rows of the vehicle's motion multiplied by F on each axis."""
-    rows = (F[:, :, None, None] * P[:9].reshape(1, 3, 3, -1)).sum(axis=1)
+    rows = summed_product(F, P[:9].reshape(3, -1))
     return jnp.concatenate([rows.reshape(9, -1), P[9:]])
 
 
@@ -110,7 +111,7 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[In
     P = state.P - jnp.where(fits, (rows[:, 1:, None] * gain[:, None, :]).sum(axis=0), 0.0)
     dx = jnp.where(fits, dx, 0.0)
     turns = dx[VEHICLE:].reshape(-1, 6)
-    position, R_nm = state.map.position + turns[:, :3], state.map.R_nm @ jax.vmap(rotation)(turns[:, 3:])
+    position, R_nm = state.map.position + turns[:, :3], state.map.R_nm @ jax.vmap(rotation_from_vector)(turns[:, 3:])
     moved = MarkerMap(state.map.ids, position, R_nm, state.map.contradicted)
     status = jnp.where(fits, USED, jnp.where(slot.valid & known, REJECTED, EMPTY))
     return State(state.x + dx[:VEHICLE], P, moved), (status, jnp.where(fits, nis, 0.0))
@@ -126,21 +127,21 @@ def _innovation(
     """
     begin = VEHICLE + 6 * place
     x, turn = state.x + dx[:VEHICLE], jax.lax.dynamic_slice(dx, (begin,), (6,))
-    p_nm, R_nm = state.map.position[place] + turn[:3], state.map.R_nm[place] @ rotation(turn[3:])
+    p_nm, R_nm = state.map.position[place] + turn[:3], state.map.R_nm[place] @ rotation_from_vector(turn[3:])
     seen = see(given.eyes[slot.camera], x[POSITION], given.attitude(x), p_nm, R_nm, given.sizes[slot.ids])
     of_marker = jax.lax.dynamic_slice(state.P, (0, begin), (state.P.shape[0], 6))
     vehicle = ((seen.by_position, POSITION), (seen.by_offset, OFFSET), (seen.by_noise, NOISE))
-    HP = _times(seen.by_marker, of_marker.T)
+    HP = summed_product(seen.by_marker, of_marker.T)
     e = slot.corners - seen.pixels + (seen.by_marker * turn).sum(axis=1)
     for H, where in vehicle:
-        HP = HP + _times(H, state.P[where])
+        HP = HP + summed_product(H, state.P[where])
         e = e + (H * dx[where]).sum(axis=1)
-    S = _times(jax.lax.dynamic_slice(HP, (0, begin), (8, 6)), seen.by_marker.T)
+    S = summed_product(jax.lax.dynamic_slice(HP, (0, begin), (8, 6)), seen.by_marker.T)
     for H, where in vehicle:
-        S = S + _times(HP[:, where], H.T)
+        S = S + summed_product(HP[:, where], H.T)
     turns = jax.lax.dynamic_slice(of_marker, (begin + 3, 3), (3, 3))
     variance = given.tuning.pixel**2 + _bend(slot.corners, turns)
-    return *_eliminate(S + variance * jnp.eye(8), jnp.concatenate([e[:, None], HP], axis=1)), seen.visible
+    return *eliminated(S + variance * jnp.eye(8), jnp.concatenate([e[:, None], HP], axis=1)), seen.visible
 
 
 def _bend(corners: Float[Array, "8"], turn: Matrix3) -> Scalar:
@@ -170,8 +171,8 @@ def add_marker(given: Given, state: State, slot: Sightings, chosen: Flag) -> tup
     prior = jnp.concatenate([jnp.zeros(3), jnp.full(3, given.tuning.tilt**-2)])
     seen = jnp.linalg.inv(slope.T @ slope / given.tuning.pixel**2 + jnp.diag(prior))
     G = jax.scipy.linalg.block_diag(R_nb @ eye.R_bc, jnp.eye(3))
-    rows = _times(J, state.P[:VEHICLE])
-    own = _times(rows[:, :VEHICLE], J.T) + G @ seen @ G.T
+    rows = summed_product(J, state.P[:VEHICLE])
+    own = summed_product(rows[:, :VEHICLE], J.T) + G @ seen @ G.T
     begin = VEHICLE + 6 * place
     P = jax.lax.dynamic_update_slice(state.P, rows, (begin, 0))
     P = jax.lax.dynamic_update_slice(P, rows.T, (0, begin))
@@ -257,19 +258,3 @@ def deviation(variance: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
     # that is known exactly stays at zero variance.
     none = variance <= 0.0
     return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, variance)))
-
-
-def _times(a: Float[Array, "m n"], b: Float[Array, "n p"]) -> Float[Array, "m p"]:
-    """Matrix product of small matrices; inside a loop the library's is slower to start than to compute."""
-    return (a[:, :, None] * b[None]).sum(axis=1)
-
-
-def _eliminate(S: Float[Array, "k k"], rows: Float[Array, "k m"]) -> tuple[Float[Array, " k"], Float[Array, "k m"]]:
-    """Pivots and rows of L^-1 B for S = L diag(pivots) L'."""
-    pivots = []
-    for k in range(S.shape[0]):
-        pivots.append(S[k, k])
-        ratio = jnp.where(jnp.arange(S.shape[0]) > k, S[:, k] / S[k, k], 0.0)
-        rows = rows - ratio[:, None] * rows[k]
-        S = S - ratio[:, None] * S[k]
-    return jnp.stack(pivots), rows

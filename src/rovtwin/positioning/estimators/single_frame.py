@@ -6,10 +6,11 @@ What identification wants: readings whose errors have nothing to do with each ot
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rovtwin.core.frames import rotation_from_vector
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.types import Index, Matrix3, Matrix6, Vector3, Vector6
 from rovtwin.positioning.estimators.ekf_tuning import SlamTuning
-from rovtwin.positioning.images.camera_model import Eyes, rotation, see
+from rovtwin.positioning.images.camera_model import Eyes, see
 from rovtwin.positioning.images.observations import Frames, Sightings
 
 _ROUNDS = 4
@@ -71,7 +72,8 @@ def _fit(eyes: Eyes, tuning: SlamTuning, sizes: Float[Array, " ids"], *columns):
 
         def again(_: Index, guess: tuple[Vector6, Matrix6]) -> tuple[Vector6, Matrix6]:
             x, _P = guess  # position and noise of the attitude
-            seen = jax.vmap(lambda c, p, R, i: see(eyes[c], x[:3], R_meas @ rotation(x[3:]), p, R, sizes[i]))(
+            R_nb = R_meas @ rotation_from_vector(x[3:])
+            seen = jax.vmap(lambda c, p, R, i: see(eyes[c], x[:3], R_nb, p, R, sizes[i]))(
                 slots.camera, position, R_nm, slots.ids
             )
             J = jnp.concatenate([seen.by_position, seen.by_noise], axis=-1)  # (slots, 8, 6)

@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rovtwin.core.extras import imported
-from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
+from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion, rotation_from_vector
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.core.types import Index, Matrix3, Vector3
 from rovtwin.positioning.estimators.ekf import MarkerEkf
 from rovtwin.positioning.estimators.motion import process_noise, transition
 from rovtwin.positioning.estimators.run import Association, Outputs, associate
-from rovtwin.positioning.images.camera_model import Eyes, rotation, see
+from rovtwin.positioning.images.camera_model import Eyes, see
 from rovtwin.positioning.images.observations import Frames
 
 ROUNDS = 15  # Gauss-Newton steps at most
@@ -246,7 +246,7 @@ class _Graph:
         covariance = np.array([marginals.marginalCovariance(k)[:6, :6] for k in range(len(self.frames))])
         keys = [self.key(j) for j in range(len(self.p_nm))]
         std = np.array([np.sqrt(np.diag(marginals.marginalCovariance(key))) for key in keys]).reshape(-1, 6)
-        offset = np.asarray(rotation(jnp.asarray(self.offset)))
+        offset = np.asarray(rotation_from_vector(jnp.asarray(self.offset)))
         R_nb = offset @ self.R_meas @ np.asarray(_turns(jnp.asarray(self.x[:, 9:])))
         rms = float(np.sqrt((self.linearised()[0] ** 2).mean())) if len(self.k) else 0.0
         quaternions = jax.vmap(quaternion_from_rotation)
@@ -268,7 +268,7 @@ class _Graph:
 
 
 _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
-_turns = jax.jit(jax.vmap(rotation))
+_turns = jax.jit(jax.vmap(rotation_from_vector))
 
 
 @jax.jit
@@ -286,7 +286,7 @@ def _linear(
         number: Index,
         corners: Float[Array, "8"],
     ):
-        R_nb = rotation(offset) @ R_meas @ rotation(x[9:])
+        R_nb = rotation_from_vector(offset) @ R_meas @ rotation_from_vector(x[9:])
         seen = see(eyes[camera], x[:3], R_nb, p, R, sizes[number])
         by_vehicle = jnp.concatenate([seen.by_position, jnp.zeros((8, 6)), seen.by_noise], axis=1)
         return corners - seen.pixels, by_vehicle, seen.by_offset, seen.by_marker

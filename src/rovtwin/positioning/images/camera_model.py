@@ -51,17 +51,6 @@ class Eyes(eqx.Module):
         return jax.tree.map(lambda leaf: leaf[camera], self)
 
 
-def rotation(phi: Vector3) -> Matrix3:
-    """exp of a rotation vector [rad]. Rodrigues; smooth at zero, as its derivatives are."""
-    square = phi @ phi
-    small = square < 1e-8
-    angle = jnp.sqrt(jnp.where(small, 1.0, square))
-    a = jnp.where(small, 1.0 - square / 6.0, jnp.sin(angle) / angle)
-    b = jnp.where(small, 0.5 - square / 24.0, (1.0 - jnp.cos(angle)) / angle**2)
-    S = skew(phi)
-    return jnp.eye(3) + a * S + b * (S @ S)
-
-
 class Seen(eqx.Module):
     """Corners of one marker as one camera should see them, and how that changes.
 

@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from rovtwin.core.frames import skew
+from rovtwin.core.frames import rotation_from_vector, skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.types import Index, Matrix3, Scalar, Vector3, Vector6
 from rovtwin.core.vision import opencv
-from rovtwin.positioning.images.camera_model import rotation
 from rovtwin.positioning.images.print_fit import fitted
 from rovtwin.vehicle.physics.camera import Lens, project, ray
 
@@ -259,13 +258,13 @@ def _fit(
         flat = size * jnp.asarray(CORNERS)
 
         def residual(step: Vector6, t: Vector3, R: Matrix3) -> Float[Array, "8"]:
-            return (project(lens, flat @ (R @ rotation(step[3:])).T + t + step[:3]) - corners).reshape(8)
+            return (project(lens, flat @ (R @ rotation_from_vector(step[3:])).T + t + step[:3]) - corners).reshape(8)
 
         def newton(_: Index, pose: tuple[Vector3, Matrix3]) -> tuple[Vector3, Matrix3]:
             t, R = pose
             e, J = residual(jnp.zeros(6), t, R), pose_slope(lens, flat, t, R)
             step = -jnp.linalg.solve(J.T @ J + 1e-6 * jnp.diag(jnp.diagonal(J.T @ J)), J.T @ e)
-            return t + step[:3], R @ rotation(step[3:])
+            return t + step[:3], R @ rotation_from_vector(step[3:])
 
         t, R = jax.lax.fori_loop(0, _REFINE, newton, (t, R))
         e = residual(jnp.zeros(6), t, R)

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from rovtwin.core.arrays.stretches import stretches
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.markers import DICTIONARIES, pattern
 from rovtwin.core.user_files.yamlfile import near
@@ -131,8 +132,7 @@ def _marker(axes: Axes, x: float, y: float, board: float, black: np.ndarray, lab
     cell = board / (cells + 2)
     for row in range(cells):
         # One rectangle for each run of black: no white hair between cells.
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], black[row].astype(int), [0]])))
-        for start, stop in edges.reshape(-1, 2):
+        for start, stop in stretches(black[row]):
             corner = x + (1 + start) * cell, y + (cells - row) * cell
             axes.add_patch(Rectangle(corner, (stop - start) * cell, cell, facecolor="black", edgecolor="none"))
     mark = min(_MARK, 0.5 * cell)

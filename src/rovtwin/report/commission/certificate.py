@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from rovtwin.core.user_files.quantity import is_number, named_unit
 from rovtwin.report.parts.page import write_page
 from rovtwin.report.parts.tables import Table, text, words
 from rovtwin.report.parts.verdict import Verdict
@@ -12,12 +13,6 @@ from rovtwin.report.parts.verdict import Verdict
 MOST_ROWS = 200  # of a table in the appendix
 State = Literal["go", "no-go", "cut off"]
 INTERVAL = "interval_95"
-# Endings of keys, longer ones first.
-UNITS = {
-    "rad_s": "rad/s", "deg_s": "deg/s", "m_s2": "m/s2", "m_s": "m/s", "n_m": "N m", "share": "%", "hz": "Hz",
-    "ms": "ms", "mm": "mm", "deg": "deg", "rad": "rad", "kg": "kg", "wh": "Wh", "m": "m", "s": "s", "n": "N",
-    "v": "V", "a": "A",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -147,13 +142,13 @@ def labelled(key: str) -> str:
     """A key as people read it, its unit in brackets: `rate_hz` is `rate [Hz]`."""
     if key == INTERVAL:
         return "95 % interval"
-    ending = next((one for one in UNITS if key.endswith(f"_{one}")), None)
-    return words(key) if ending is None else f"{words(key[: -len(ending) - 1])} [{UNITS[ending]}]"
+    name, unit = named_unit(key)
+    return f"{words(name)} [{'%' if unit == '1' else unit}]" if unit else words(key)
 
 
 def cell(key: str, value: Any) -> str:
     """A value in a cell, shares as per cent."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if is_number(value):
         percent = key.endswith("_share")
         return (
             f"{100.0 * value:.3g}"

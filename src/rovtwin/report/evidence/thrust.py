@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.report.parts.style import BLACK, BLUE, GREY, ORANGE, SERIES, SMALL, dress, limits, new_figure
+from rovtwin.report.parts.style import BLACK, BLUE, GREY, ORANGE, SMALL, dress, limits, new_figure, series_colours
 
 
 def thrust_figure(tests: Sequence[Any]) -> Figure:
@@ -19,7 +19,7 @@ def thrust_figure(tests: Sequence[Any]) -> Figure:
     force, left = figure.subplots(2, 1, height_ratios=[3, 1], sharex=True)
     u = np.linspace(-1, 1, 401)
     rest = []
-    for one, colour in zip(tests, _colours(len(tests)), strict=True):
+    for one, colour in zip(tests, series_colours(len(tests)), strict=True):
         name = one.source if one.voltage is None else f"{one.voltage:g} V"
         command, measured = one.points.T
         force.plot(command, measured, color=colour, linestyle="none", marker=".", markersize=2.5, alpha=0.6)
@@ -63,7 +63,3 @@ def thrust_and_damping_figure(joint: Any, command: np.ndarray, velocity: np.ndar
     drag.legend(fontsize=SMALL, frameon=False)
     dress(drag, f"Damping [{unit}]", f"{dof.capitalize()} velocity [{speed}]")
     return figure
-
-
-def _colours(count: int) -> list[str]:
-    return [SERIES[i % len(SERIES)] for i in range(count)]

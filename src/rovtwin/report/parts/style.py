@@ -51,6 +51,11 @@ PHASE_COLOURS = {
 }
 
 
+def series_colours(count: int) -> list[str]:
+    """Colours of so many runs or parts; those beyond the palette begin it anew."""
+    return [SERIES[k % len(SERIES)] for k in range(count)]
+
+
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty white figure [inch] whose parts are laid out without overlap."""
     layout = ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.03, hspace=0.02, wspace=0.03)

@@ -12,7 +12,17 @@ from matplotlib.lines import Line2D
 from rovtwin.core.log import Log
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.page import save, write_page
-from rovtwin.report.parts.style import SERIES, SMALL, WIDTH, dress, legend_above, line, name_panel, new_figure, note
+from rovtwin.report.parts.style import (
+    SMALL,
+    WIDTH,
+    dress,
+    legend_above,
+    line,
+    name_panel,
+    new_figure,
+    note,
+    series_colours,
+)
 from rovtwin.report.parts.tables import Table
 from rovtwin.report.run.path import draw_path, extent, legend_entries
 from rovtwin.report.run.verdict import scores, verdict
@@ -126,7 +136,7 @@ def errors(flights: Mapping[str, Flight]) -> Figure:
     dress(upper, "Cross-track error [m]", "Time [s]")
     dress(left, "Share of time on legs [%]", "Cross-track error up to [m]")
     dress(right, "Share of time [%]", "Depth error up to [m]")
-    for colour, flight in zip(_colours(flights), flights.values(), strict=False):
+    for colour, flight in zip(series_colours(len(flights)), flights.values(), strict=False):
         if flight.cross_track is not None:
             line(upper, *flight.cross_track, color=colour)
             _distribution(left, flight.cross_track[1], colour)
@@ -154,7 +164,7 @@ def effort(flights: Mapping[str, Flight]) -> Figure:
     """The integral of the summed squared thruster forces up to each time."""
     figure = new_figure(height=2.4)
     axes = dress(figure.subplots(), "Effort so far [N² s]", "Time [s]")
-    for colour, flight in zip(_colours(flights), flights.values(), strict=False):
+    for colour, flight in zip(series_colours(len(flights)), flights.values(), strict=False):
         thrust = flight.get("truth/thrust")
         if thrust is not None:
             power = np.nansum(thrust.values**2, axis=1)
@@ -166,12 +176,8 @@ def effort(flights: Mapping[str, Flight]) -> Figure:
 
 
 def _name(figure: Figure, flights: Mapping[str, Flight]) -> None:
-    colours = zip(_colours(flights), flights, strict=True)
+    colours = zip(series_colours(len(flights)), flights, strict=True)
     legend_above(figure, [Line2D([], [], color=colour, label=label) for colour, label in colours])
-
-
-def _colours(flights: Mapping[str, Flight]) -> list[str]:
-    return [SERIES[k % len(SERIES)] for k in range(len(flights))]
 
 
 _FIGURES = (

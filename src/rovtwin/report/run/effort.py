@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from rovtwin.core.arrays.rotations import rotation_from_euler
+from rovtwin.core.arrays.stretches import stretches
 from rovtwin.core.log import Series
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.panels import TIME, panels
@@ -114,10 +115,10 @@ def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: lis
 
 def _saturated(axes: Axes, t: np.ndarray, cut: np.ndarray) -> None:
     """A bar at the foot of the panel where a limit cut the wrench, and its share of the time."""
-    edges = np.flatnonzero(np.diff(np.r_[False, cut, False].astype(int)))
-    if not edges.size:
+    found = np.array(stretches(cut))
+    if not found.size:
         return
-    starts, ends = t[edges[::2]], t[np.minimum(edges[1::2], len(t) - 1)]
+    starts, ends = t[found[:, 0]], t[np.minimum(found[:, 1], len(t) - 1)]
     bars = _joined(np.column_stack([starts, ends]), gap=(t[-1] - t[0]) / 800)
     axes.broken_barh(bars, (0.0, 0.045), transform=axes.get_xaxis_transform(), facecolors=ORANGE, linewidth=0.4,
                      edgecolors=ORANGE, zorder=6)  # fmt: skip

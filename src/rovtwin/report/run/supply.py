@@ -5,10 +5,9 @@ from matplotlib.figure import Figure
 
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.panels import panels
-from rovtwin.report.parts.style import BLUE, GREEN, GREY, ORANGE, PURPLE, limits, line
+from rovtwin.report.parts.style import GREY, limits, line, series_colours
 from rovtwin.report.series import slow_mean
 
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE)  # of tethers and batteries, in order of their names
 _DASHED = (0, (4, 2))
 
 
@@ -17,7 +16,7 @@ def tethers(flight: Flight) -> Figure:
     sheet = panels(flight, (("Tension [N]",), ("Paid out [m]",)), height=1.9)
     pull, length = sheet.axes[:, 0]
     shown = []
-    for (name, series), colour in zip(flight.tethers.items(), _colours(len(flight.tethers)), strict=True):
+    for (name, series), colour in zip(flight.tethers.items(), series_colours(len(flight.tethers)), strict=True):
         sheet.entry(_label(name), color=colour, linewidth=1.1)
         line(pull, series.t, series["tension"], color=colour)
         shown.append(series["tension"])
@@ -44,7 +43,7 @@ def batteries(flight: Flight) -> Figure:
     sheet = panels(flight, (("Charge [%]",), ("Power [W]",)), height=1.9)
     charge, power = sheet.axes[:, 0]
     drawn = flight["truth/battery"]
-    for (name, (t, left)), colour in zip(flight.charges.items(), _colours(len(flight.charges)), strict=True):
+    for (name, (t, left)), colour in zip(flight.charges.items(), series_colours(len(flight.charges)), strict=True):
         sheet.entry(_label(name), color=colour, linewidth=1.1)
         line(charge, t, 100 * left, color=colour)
         if f"{name}_power" in drawn.channel.fields:
@@ -73,10 +72,6 @@ def about_batteries(flight: Flight) -> str:
     left = {name: charge[np.isfinite(charge)] for name, (_, charge) in flight.charges.items()}
     words = [f"{_label(name)} {100 * charge[-1]:.0f} %" for name, charge in left.items() if len(charge)]
     return f"Left at the end: {', '.join(words)}." if words else ""
-
-
-def _colours(count: int) -> list[str]:
-    return [_COLOURS[k % len(_COLOURS)] for k in range(count)]
 
 
 def _label(name: str) -> str:

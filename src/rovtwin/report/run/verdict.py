@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import FAIL_SAFE_PHASES
+from rovtwin.core.user_files.quantity import is_number
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.verdict import Score, Verdict
 from rovtwin.report.run import supply
@@ -222,7 +223,7 @@ def _lengths(values: list[float]) -> str:
 def _numbers(value: Any) -> list[float] | None:
     """A number or a list of numbers as a list; None when it is neither."""
     items = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
-    if not items or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in items):
+    if not items or not all(is_number(v) for v in items):
         return None
     return [float(v) for v in items]
 

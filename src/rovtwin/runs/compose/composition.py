@@ -30,10 +30,11 @@ from rovtwin.runs.compose.tethers import tethers_of
 from rovtwin.runs.compose.topside import topside_of
 from rovtwin.runs.compose.world import mismatch_of, plant_of, world_of
 from rovtwin.runs.loop import Loop
+from rovtwin.runs.vehicle_defaults import vehicle_of
 from rovtwin.scenario.schema import Scenario, WorldSection
 from rovtwin.simulation.sensors.sensor import Sensor
 from rovtwin.simulation.twin import Twin
-from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
+from rovtwin.vehicle import Model, Vehicle, summary
 from rovtwin.vehicle.analysis.stability import afloat
 
 logger = logging.getLogger(__name__)
@@ -200,13 +201,6 @@ def _say_doubts(where: str, doubts: tuple[str, ...]) -> None:
     """A line on standard error, once for each vehicle, where its parameters are not to be relied on."""
     if doubts:
         logger.warning("%s: what was identified is not to be relied on: %s", where, "; ".join(doubts))
-
-
-def vehicle_of(scenario: Scenario) -> Vehicle:
-    """The vehicle that the scenario names, or describes itself."""
-    if isinstance(scenario.vehicle, str):
-        return load_vehicle(scenario.vehicle)
-    return vehicle_from_dict(scenario.vehicle, f"{scenario.name}: vehicle")
 
 
 def water_density(scenario: Scenario) -> float:

@@ -9,9 +9,10 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.runs.compose.experiment import pieces_of
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
+from rovtwin.runs.vehicle_defaults import vehicle_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.experiment import AXES, ExperimentSection
-from rovtwin.vehicle import Vehicle, load_vehicle, vehicle_from_dict
+from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.description.identified import fingerprint
 
 LIMITS = (0.2, 5.0)  # of a time over what it was written as: a pull must be read, and a battery last
@@ -45,7 +46,7 @@ def fitted_test(scenario: Scenario, vehicle: Vehicle | None = None) -> Scenario:
     test = scenario.test
     if test is None or test.written_for is None:
         return scenario
-    own = vehicle or _vehicle(scenario)
+    own = vehicle or vehicle_of(scenario)
     written = load_vehicle(test.written_for)
     if fingerprint(own.file) == fingerprint(written.file):
         return scenario.model_copy(update={"test": test.model_copy(update={"written_for": None})})
@@ -69,12 +70,6 @@ def fitted_test(scenario: Scenario, vehicle: Vehicle | None = None) -> Scenario:
     whole = scenario.model_copy(update={"test": changed, "start": start, "cameras": cameras})
     spare = scenario.duration / (_seconds(scenario) or 1.0)
     return whole.model_copy(update={"duration": float(math.ceil(spare * _seconds(whole)))})
-
-
-def _vehicle(scenario: Scenario) -> Vehicle:
-    if isinstance(scenario.vehicle, str):
-        return load_vehicle(scenario.vehicle)
-    return vehicle_from_dict(scenario.vehicle, f"{scenario.name}: vehicle")
 
 
 def _seconds(scenario: Scenario) -> float:

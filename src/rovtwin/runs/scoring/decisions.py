@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.arrays.stretches import stretches
 from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
 from rovtwin.core.user_files.quantity import plain
 from rovtwin.runs.scoring.headings import reason_for, unmet_headings
@@ -63,9 +64,8 @@ def badly_placed(flown: Flown, scenario: Scenario) -> list[dict[str, Any]]:
     accepted = accepted[np.clip(flown.mode[:, 2].astype(int), 0, len(accepted) - 1)]
     best, half = np.minimum.accumulate(np.where(settled, std, np.inf)), 1.96 * std
     bad = settled & (std > COARSER * best) & (half > np.maximum(accepted, 1e-9))
-    edges = np.flatnonzero(np.diff(bad, prepend=False))
     found = []
-    for a, b in zip(edges[::2], np.append(edges, len(std))[1::2], strict=True):
+    for a, b in stretches(bad):
         if flown.t[b - 1] - flown.t[a] > BRIEF:
             what = f"until {flown.t[b - 1]:.0f} s the position is known to {plain(float(half[a:b].max()))} m at worst"
             cause = f"readings of a position are missing or bad (acceptance {accepted[a]:g} m)"

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import gammaincinv
 
+from rovtwin.core.arrays.correlation import effective_samples
 from rovtwin.core.arrays.rotations import heading_of, quaternion_from_euler, wrapped
 from rovtwin.core.flow import FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
@@ -138,20 +139,6 @@ def estimate_error(flown: Flown) -> np.ndarray:
     error = np.concatenate([flown.eta_hat - flown.eta, flown.nu_hat - flown.nu], axis=1)
     error[:, 3:6] = wrapped(error[:, 3:6])
     return error
-
-
-def effective_samples(series: np.ndarray) -> float:
-    """Independent samples that carry as much as a correlated series, by Geyer's initial positive sequence (1992)."""
-    n = len(series)
-    centred = series - series.mean()
-    if n < 4 or not np.all(np.isfinite(series)) or np.allclose(centred, 0):
-        return float(max(n, 1))
-    padded = np.fft.rfft(centred, 2 * n)
-    autocovariance = np.fft.irfft(padded * np.conj(padded))[:n] / n
-    rho = autocovariance / autocovariance[0]
-    pairs = rho[0 : n - n % 2 : 2] + rho[1:n:2][: n // 2]
-    positive = int(np.argmax(pairs <= 0)) if np.any(pairs <= 0) else len(pairs)
-    return float(n / max(2.0 * pairs[: max(positive, 1)].sum() - 1.0, 1.0))
 
 
 def score(flown: Flown) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rovtwin.core.user_files.config import NonNegative, Number, Positive, Share, Strict
+from rovtwin.core.user_files.quantity import is_number
 from rovtwin.gnc.safety.rules import RULES
 
 Action = Literal["ignore", "hold", "return", "surface", "stop"]
@@ -51,7 +52,7 @@ def _short(value: Any) -> Any:
     """A bare number is a limit, a bare word an action."""
     if isinstance(value, str):
         return {"action": value}
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if is_number(value):
         return {"limit": value}
     return value
 

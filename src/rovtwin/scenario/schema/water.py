@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import Number, Strict
+from rovtwin.core.user_files.quantity import is_number
 from rovtwin.vehicle.description.water import check_density, density, water_in_words
 
 
@@ -21,7 +22,7 @@ class WaterSection(Strict):
     def _in_short(cls, value: Any) -> Any:
         if isinstance(value, str):
             return _or_value_error(water_in_words, value)
-        return {"density": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
+        return {"density": value} if is_number(value) else value
 
     @model_validator(mode="after")
     def _is_water(self) -> "WaterSection":

@@ -10,12 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import AfterValidator, BeforeValidator, WithJsonSchema
 
+from rovtwin.core.user_files.quantity import is_number
+
 _NUMBER = {"type": "number"}
 _ARRAY = {"type": "array", "items": _NUMBER}
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _numbers(value: Any, what: str, shapes: tuple[tuple[int, ...], ...], empty: bool = False) -> np.ndarray:
@@ -25,7 +23,7 @@ def _numbers(value: Any, what: str, shapes: tuple[tuple[int, ...], ...], empty: 
         raise ValueError(f"found {value!r}, {expected}")
     rows = value if all(isinstance(v, list) for v in value) else [value]
     for entry in (e for row in rows for e in row):
-        if not (_is_number(entry) or (empty and entry is None)):
+        if not (is_number(entry) or (empty and entry is None)):
             raise ValueError(f"found {entry!r} among the numbers, {expected}")
         if entry is not None and not np.isfinite(entry):
             raise ValueError(f"found {entry!r}, expected finite numbers")
@@ -83,7 +81,7 @@ def _check_coefficients(value: Any) -> Any:
 
 def _check_direction(value: Any) -> Any:
     if isinstance(value, dict):
-        if set(value) - {"azimuth_deg", "elevation_deg"} or not all(_is_number(v) for v in value.values()):
+        if set(value) - {"azimuth_deg", "elevation_deg"} or not all(is_number(v) for v in value.values()):
             raise ValueError(f"found {value!r}, expected {{azimuth_deg: .., elevation_deg: ..}}")
         return value
     if np.linalg.norm(_numbers(value, "a vector of 3 or {azimuth_deg, elevation_deg}", ((3,),))) < 1e-9:
@@ -99,7 +97,7 @@ def _check_force(value: Any) -> Any:
     else:
         numbers = [value]
     for number in numbers:
-        if not _is_number(number) or not np.isfinite(number):
+        if not is_number(number) or not np.isfinite(number):
             raise ValueError(f"found {number!r}, expected a force [N] or {{ahead: .., astern: ..}}")
         if number < 0:
             raise ValueError(f"found {number!r}, expected the size of the force, positive also astern")
@@ -107,7 +105,7 @@ def _check_force(value: Any) -> Any:
 
 
 def _check_buoyancy(value: Any) -> Any:
-    if value != "neutral" and not (_is_number(value) and np.isfinite(value) and value >= 0):
+    if value != "neutral" and not (is_number(value) and np.isfinite(value) and value >= 0):
         raise ValueError(f"found {value!r}, expected a force [N] or 'neutral'")
     return value
 
@@ -215,7 +213,7 @@ def _check_colour(value: Any) -> Any:
         raise ValueError(f"found {value!r}, expected a colour such as '#e6b800' or [0.9, 0.7, 0.0]")
     if isinstance(value, str):
         return [int(value[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    if len(value) != 3 or not all(_is_number(v) and 0 <= v <= 1 for v in value):
+    if len(value) != 3 or not all(is_number(v) and 0 <= v <= 1 for v in value):
         raise ValueError(f"found {value!r}, expected red, green and blue, each 0 to 1")
     return value
 

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Float
 
-from rovtwin.core.frames import quaternion_multiply, quaternion_normalise, rotation_between
+from rovtwin.core.frames import quaternion_turned, rotation_between
 from rovtwin.core.numerics import Array, jnp
 
 NODE = 18  # size of a node's error
@@ -30,11 +30,7 @@ def undisturbed(position: Any, attitude: Any, nu: Any) -> Nodes:
 
 def moved(node: Nodes, error: Float[Array, "18"]) -> Nodes:
     """A state off by an error (18,): position, nu and push by sums, attitude by a small rotation in b."""
-    angle = error[3:6]
-    square = angle @ angle
-    # sin(x/2)/x and cos(x/2) by their series: errors of nodes are small, and derivatives stay finite at zero.
-    turn = jnp.concatenate([(1.0 - square / 8.0 + square**2 / 384.0)[None], angle * (0.5 - square / 48.0)])
-    attitude = quaternion_normalise(quaternion_multiply(node.attitude, turn))
+    attitude = quaternion_turned(node.attitude, 0.5 * error[3:6])
     return Nodes(node.position + error[:3], attitude, node.nu + error[6:12], node.push + error[12:])
 
 

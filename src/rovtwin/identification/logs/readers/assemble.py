@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rovtwin.core.arrays.rotations import rotation_from_euler
+from rovtwin.core.arrays.rotations import angle_between, rotation_from_euler
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.user_files.config import near
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec, SourceSpec, factor
@@ -126,14 +126,10 @@ def flung(euler: np.ndarray) -> np.ndarray:
     """
     R, out = rotation_from_euler(euler), np.zeros(len(euler), bool)
     if len(R) > 2:
-        before, after = _angle(R[:-2], R[1:-1]), _angle(R[1:-1], R[2:])
-        out[1:-1] = (np.minimum(before, after) > FLUNG) & (_angle(R[:-2], R[2:]) < 0.3 * np.minimum(before, after))
+        turns = angle_between(R[:-1], R[1:])
+        least = np.minimum(turns[:-1], turns[1:])
+        out[1:-1] = (least > FLUNG) & (angle_between(R[:-2], R[2:]) < 0.3 * least)
     return out
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Between attitudes [rad], shape (n,)."""
-    return np.arccos(np.clip((np.einsum("nij,nij->n", a, b) - 1.0) / 2.0, -1.0, 1.0))
 
 
 def _named_after_components(table: Table, name: str, where: str) -> list[int | str]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import LinkError
+from rovtwin.links.mavlink.wire import text_of
 
 GRAVITY = 9.80665  # of the unit mg [m/s2]
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
@@ -104,15 +105,9 @@ def _status(self: Readings, m: Any, arrival: float) -> Iterator[Reading]:
 
 
 def _text(self: Readings, m: Any, arrival: float) -> Iterator[Reading]:
-    if "leak detected" in text_of(m).lower():
+    if "leak detected" in text_of(m.text).lower():
         self._leak_at = arrival
         yield "leak", [1.0], None
-
-
-def text_of(message: Any) -> str:
-    """Text of a STATUSTEXT."""
-    text = message.text
-    return text.decode("ascii", "replace") if isinstance(text, bytes) else str(text)
 
 
 MAKERS: dict[str, Callable[[Readings, Any, float], Iterator[Reading]]] = {

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.links.mavlink.firmware.pilot import EXTENDED_SINCE, Sticks, sticks_of_axes
-from rovtwin.links.mavlink.wire import number
+from rovtwin.links.mavlink.wire import number, text_of
 
 GAIN, THROTTLE = "JS_GAIN_DEFAULT", "JS_THR_GAIN"
 IN_FORCE = "PilotGain"  # what buttons have made of the gain, sent all the time
@@ -46,8 +46,8 @@ class Steering:
             if version and self.firmware is None:
                 self.firmware = version >> 24 & 0xFF, version >> 16 & 0xFF
         elif kind == "PARAM_VALUE":
-            self._take_parameter(_text(message.param_id), number(message.param_value))
-        elif kind == "NAMED_VALUE_FLOAT" and _text(message.name) == IN_FORCE:
+            self._take_parameter(text_of(message.param_id), number(message.param_value))
+        elif kind == "NAMED_VALUE_FLOAT" and text_of(message.name) == IN_FORCE:
             return self._take_gain(number(message.value))
         return ""
 
@@ -98,7 +98,3 @@ class Steering:
                 "JS_GAIN_MIN and JS_GAIN_MAX may have changed"
             )
         return found
-
-
-def _text(name: bytes | str) -> str:
-    return name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)

@@ -24,7 +24,7 @@ from rovtwin.links.mavlink.services.place_commands import PLACE_COMMANDS
 from rovtwin.links.mavlink.services.results import UNSUPPORTED
 from rovtwin.links.mavlink.telemetry.scene import Scene
 from rovtwin.links.mavlink.telemetry.streams import MESSAGES, STREAMS, build
-from rovtwin.links.mavlink.wire import is_addressed, number
+from rovtwin.links.mavlink.wire import is_addressed, number, text_of
 
 GROUND_STATION = 6  # MAV_TYPE_GCS
 MOST_TEXTS = 1000  # different things said once; names of parameters come from outside
@@ -217,10 +217,6 @@ def _send_parameter(talk: Conversation, peer: Peer, name: str, index: int) -> No
         peer.send(message(parameter.name.encode(), parameter.value, parameter.kind, count, place))
 
 
-def _name(value: Any) -> str:
-    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
-
-
 def _parameter_list(talk: Conversation, message: Any, peer: Peer) -> None:
     for text in talk.banner():
         peer.send(text)
@@ -229,7 +225,7 @@ def _parameter_list(talk: Conversation, message: Any, peer: Peer) -> None:
 
 
 def _parameter_read(talk: Conversation, message: Any, peer: Peer) -> None:
-    name = _name(message.param_id)
+    name = text_of(message.param_id)
     if talk.autopilot.parameters.find(name, message.param_index) is None:
         what = name if message.param_index < 0 else f"number {message.param_index}"
         talk.tell_once(message.get_srcSystem(), WARNING, f"No parameter {what}")
@@ -237,7 +233,7 @@ def _parameter_read(talk: Conversation, message: Any, peer: Peer) -> None:
 
 
 def _parameter_set(talk: Conversation, message: Any, peer: Peer) -> None:
-    name = _name(message.param_id)
+    name = text_of(message.param_id)
     if talk.autopilot.parameters.find(name, -1) is None:
         talk.tell_once(message.get_srcSystem(), WARNING, f"No parameter {name}")
     elif not talk.autopilot.parameters.set(name, message.param_value):

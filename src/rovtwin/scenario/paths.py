@@ -1,10 +1,14 @@
-"""Dotted paths into a scenario's nested data: `world.current.velocity[1]`, `mission.waypoints[*].speed`."""
+"""Dotted paths into a scenario's nested data: `world.current.velocity[1]`, `mission.waypoints[*].speed`.
+
+Overrides (`--set`) and campaigns (`set`, `vary`) name places by them.
+"""
 
 import re
-from typing import Any
+from typing import Any, TypeGuard
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import kind_in_words, near
+from rovtwin.core.user_files.quantity import is_number
 from rovtwin.scenario.schema import Waypoint
 
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+|\*)\]")
@@ -26,9 +30,14 @@ def steps_of(path: str, where: str) -> list[str | int]:
         at = match.end()
         if path[at : at + 1] == "." and re.match(r"[A-Za-z_]", path[at + 1 :]):
             at += 1
-    if at != len(path) or not steps or not isinstance(steps[0], str) or steps[0] == "*":
+    if at != len(path) or not steps or not is_name(steps[0]):
         raise ConfigError(f"{where}: {path!r} is no path, expected one such as world.current.velocity[1]")
     return steps
+
+
+def is_name(step: str | int) -> TypeGuard[str]:
+    """Whether a step is a key, and no element or all elements of a list."""
+    return isinstance(step, str) and step != "*"
 
 
 def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
@@ -43,15 +52,31 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
     Raises:
         ConfigError: There is nothing at the path, or a number would take the place of a section.
     """
-    places: list[tuple[Any, str]] = [(data, "")]
-    *ahead, last = steps_of(path, where)
+    set_at(data, steps_of(path, where), value, where)
+
+
+def set_at(
+    data: dict[str, Any], steps: list[str | int], value: Any, where: str, below: str = "", complete: bool = True
+) -> None:
+    """Set what the steps of a path lead to, as `assign`.
+
+    Args:
+        data: A complete scenario, or a section of it.
+        steps: From there.
+        value: See `assign`.
+        where: Begins the messages.
+        below: Path of the section, for messages.
+        complete: Whether `data` holds defaults, too; else its last key may be new.
+    """
+    places: list[tuple[Any, str]] = [(data, below)]
+    *ahead, last = steps
     for step in ahead:
         places = [(here[k], _joined(written, k)) for here, written in places for k in _keys(here, step, written, where)]
     for here, written in places:
-        for key in _keys(here, last, written, where, new=_may_be_new(written, last)):
+        for key in _keys(here, last, written, where, new=not complete or _may_be_new(written, last)):
             _require_no_sum(here, written, key, where)
             found = here.get(key) if isinstance(here, dict) else here[key]
-            if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
+            if isinstance(found, dict | list) and is_number(value):
                 within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
                 raise ConfigError(
                     f"{where}: {_joined(written, key)} is {kind_in_words(found)}, expected a number's path; "
@@ -74,11 +99,11 @@ def _keys(here: Any, step: str | int, path: str, where: str, new: bool = False) 
         if step >= len(here):
             raise ConfigError(f"{where}: {path} has {len(here)} elements, counted from 0; there is no {path}[{step}]")
         return [step]
-    if isinstance(here, dict) and isinstance(step, str) and step != "*":
+    if isinstance(here, dict) and is_name(step):
         if step not in here and not new:
             raise ConfigError(f"{where}: {_joined(path, step)}: no such key.{near(step, here)}")
         return [step]
-    expected = "a list" if not isinstance(step, str) or step == "*" else "a mapping"
+    expected = "a mapping" if is_name(step) else "a list"
     raise ConfigError(
         f"{where}: {path or 'the scenario'} is {kind_in_words(here)}, expected {expected} for the path to go on"
     )
