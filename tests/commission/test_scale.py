@@ -51,6 +51,41 @@ def test_a_reading_becomes_an_anchor_that_identification_takes(tmp_path, model):
     assert Outcome.from_dict(outcome.to_dict()) == outcome
 
 
+def test_a_reading_that_was_typed_before_a_break_is_not_lost(tmp_path, model):
+    """Killed while it asked for a second pull, it used to ask for the first one again."""
+    pull = scale.pull_of(model, "surge", 1.0)
+
+    class Killed(Scripted):
+        def confirm(self, question):
+            raise KeyboardInterrupt
+
+    work = work_of(tmp_path, Killed([1000.0, 1.03 * pull.expected]))
+    with pytest.raises(KeyboardInterrupt):
+        scale.run(work)
+    person = Scripted(no=["One more pull"])
+    again = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, person)
+    outcome = scale.run(again)
+    assert f"Before the break the scale read {1.03 * pull.expected:.3g} N in surge" in person.questions[0]
+    assert outcome.go and outcome.measured["anchors"] == [scale.anchor(pull, 1.03 * pull.expected, 1000.0)]
+
+    work.dossier.end(work.dossier.attempts("scale")[-1], outcome)
+    repeated = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, Scripted())
+    assert scale.before_the_break(repeated) == [], "a stage that is passed and repeated begins anew"
+
+
+def test_who_doubts_an_earlier_reading_pulls_again(tmp_path, model):
+    pull = scale.pull_of(model, "surge", 1.0)
+    work = work_of(tmp_path, Scripted())
+    scale._Page(work, 500.0).take(pull, scale.Reading("surge", 1.0, pull.expected, 500.0))
+    person = Scripted([1000.0, 0.9 * pull.expected], no=["Before the break", "One more pull"])
+    outcome = scale.run(Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, person))
+    assert outcome.measured["anchors"][0]["bollard"]["force"] == pytest.approx(0.9 * pull.expected)
+    (work.folder / scale.READINGS).write_text('[{"direction": "surge", "comm', encoding="utf-8")
+    cut = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, Scripted())
+    (work.dossier.attempts("scale")[-2].folder / scale.READINGS).write_text('[{"dire', encoding="utf-8")
+    assert scale.before_the_break(cut) == []
+
+
 def test_the_pull_stays_within_what_the_scale_can_read(model):
     full = scale.pull_of(model, "surge", 1.0).expected
     assert scale.within(model, "surge", 2.0 * full).command == 1.0

@@ -1,6 +1,7 @@
 """Scale: a pull on a scale says what newtons are; no motion can tell the common scale of all forces and masses."""
 
-from dataclasses import dataclass, replace
+import json
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.numerics import jnp
+from rovtwin.core.user_files.files import write_text
 from rovtwin.live.connect import on_this_machine
 from rovtwin.live.pulses import Guard, Pulse, fly_pulses
 from rovtwin.report.plans.bollard import draw_bollard
@@ -25,6 +27,7 @@ USED = 0.8  # of the scale's range at most
 LEAST = 0.5  # command below which a pull says little of full thrust
 ODD, WRONG = 0.2, 2.0  # difference from the file that warns, factor that stops
 OTHERS = (("kilograms", GRAVITY), ("grams", 1e-3 * GRAVITY), ("pounds", 0.4536 * GRAVITY))
+READINGS = "readings.json"  # of an attempt, written as they are typed
 LOST = (
     "nobody pulled on a scale: the scale of all forces and masses is known only as well as the file's thrust curve; "
     "ratios of forces to each other, and so motion, are not touched"
@@ -50,27 +53,73 @@ class Pull:
     lift: float
 
 
+@dataclass(frozen=True)
+class Reading:
+    """What the person read.
+
+    Attributes:
+        direction: Of DIRECTIONS.
+        command: Of the pull.
+        force: On the scale [N].
+        most: The scale's largest reading [N].
+    """
+
+    direction: str
+    command: float
+    force: float
+    most: float
+
+
 def run(work: Work) -> Outcome:
-    """Ask for one pull in surge, and for more if the person likes."""
+    """Ask for one pull in surge, and for more if the person likes; readings of an attempt that broke off are kept."""
     model = work.vehicle.model()
     able = [name for name in DIRECTIONS if pull_of(model, name, 1.0).expected > 1.0]
     if not able:
         return _without("no thruster pushes along an axis")
-    forces = ", ".join(f"{pull_of(model, name, 1.0).expected:.0f} N in {name}" for name in able)
-    most = work.person.number(
-        "A spring balance or luggage scale gives all forces their size. By its file the vehicle pulls "
-        f"{forces} at full command. Up to what force does your scale read",
-        "N",
-    )
-    if most is None:
-        return _without("there is no scale")
-    page = _Page(work, most)
+    kept = [one for one in before_the_break(work) if one.direction in able]
+    words = ", ".join(f"{one.force:.3g} N in {one.direction}" for one in kept)
+    if kept and work.person.confirm(f"Before the break the scale read {words}. Is that still right, and to be used"):
+        page = _Page(work, kept[-1].most)
+        for one in kept:
+            page.take(pull_of(model, one.direction, one.command), one)
+    else:
+        most = _largest_reading(work, model, able)
+        if most is None:
+            return _without("there is no scale")
+        page, kept = _Page(work, most), []
     for name in able:
+        if name in {one.direction for one in kept}:
+            continue
         if page.anchors and not work.person.confirm(f"One more pull, in {name}? It makes the scale better known"):
             continue
         if not page.pull(model, name):
             break
     return page.outcome()
+
+
+def before_the_break(work: Work) -> list[Reading]:
+    """Readings of the last attempt if that was not passed, of the vehicle as it is described now."""
+    attempts = work.dossier.attempts("scale")
+    now = next((one for one in attempts if one.folder == work.folder), None)
+    earlier = attempts[: attempts.index(now)] if now is not None else []
+    if now is None or not earlier or earlier[-1].fingerprint != now.fingerprint:
+        return []
+    last = earlier[-1]
+    if last.outcome is not None and last.outcome.go:
+        return []
+    try:
+        return [Reading(**row) for row in json.loads((last.folder / READINGS).read_text(encoding="utf-8"))]
+    except (OSError, ValueError, TypeError):  # nothing was read, or half of it
+        return []
+
+
+def _largest_reading(work: Work, model: Model, able: list[str]) -> float | None:
+    forces = ", ".join(f"{pull_of(model, name, 1.0).expected:.0f} N in {name}" for name in able)
+    return work.person.number(
+        "A spring balance or luggage scale gives all forces their size. By its file the vehicle pulls "
+        f"{forces} at full command. Up to what force does your scale read",
+        "N",
+    )
 
 
 class _Page:
@@ -82,6 +131,7 @@ class _Page:
         self.checks: list[Check] = []
         self.anchors: list[dict[str, Any]] = []
         self.files: list[str] = []
+        self._readings: list[Reading] = []
 
     def pull(self, model: Model, name: str) -> bool:
         """Pull once, and take the reading; whether the next one may come."""
@@ -97,8 +147,15 @@ class _Page:
         reading = self._work.person.number(f"What did the scale read, its middle, while it pulled in {name}", "N")
         if reading is None:
             return self._noted(Check("note", name, "no reading: this pull counts for nothing"))
-        if good := self._noted(judged(pull, reading)):
-            self.anchors.append(anchor(pull, reading, self._most))
+        return self.take(pull, Reading(name, pull.command, reading, self._most))
+
+    def take(self, pull: Pull, reading: Reading) -> bool:
+        """Judge a reading and keep it at once; whether the next one may come."""
+        if good := self._noted(judged(pull, reading.force)):
+            self.anchors.append(anchor(pull, reading.force, reading.most))
+            self._readings.append(reading)
+            text = json.dumps([asdict(one) for one in self._readings])
+            write_text(self._work.folder / READINGS, text)
         return good
 
     def _noted(self, check: Check) -> bool:
