@@ -190,7 +190,7 @@ def hosts() -> Host:
 
 def watched() -> SupervisorInput:
     able = every_tick(jnp.asarray(FINE))
-    return SupervisorInput(
+    return jax.vmap(SupervisorInput)(
         estimates(),
         requests(),
         measurements(),
@@ -344,12 +344,14 @@ def terrain() -> Example:
 
 
 def bow() -> Example:
-    return Example(Bow.of(model()), BowInput(over_time(seed=47), over_time(2, seed=48), estimates()))
+    return Example(Bow.of(model()), jax.vmap(BowInput)(over_time(seed=47), over_time(2, seed=48), estimates()))
 
 
 def contingency() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
-    return Example(Contingency.of(model()), ContingencyInput(setpoints(), estimates(), mode, over_time(4, seed=46)))
+    return Example(
+        Contingency.of(model()), jax.vmap(ContingencyInput)(setpoints(), estimates(), mode, over_time(4, seed=46))
+    )
 
 
 def onboard() -> Example:
@@ -377,7 +379,8 @@ def sense() -> Example:
 
 def tracking() -> Example:
     return Example(
-        Tracking.of(model()), ControlInput(estimates(), references(), over_time(6, seed=17), every_tick(jnp.ones(6)))
+        Tracking.of(model()),
+        jax.vmap(ControlInput)(estimates(), references(), over_time(6, seed=17), every_tick(jnp.ones(6))),
     )
 
 
@@ -417,7 +420,7 @@ def guidance() -> Example:
 
 
 def pid() -> Example:
-    inputs = ControlInput(estimates(), references(), over_time(6, seed=17), every_tick(jnp.ones(6)))
+    inputs = jax.vmap(ControlInput)(estimates(), references(), over_time(6, seed=17), every_tick(jnp.ones(6)))
     return Example(Pid.pole_placement(model()), inputs)
 
 
@@ -426,7 +429,7 @@ def priority_allocation() -> Example:
     left = jnp.linspace(1.0, 0.4, TICKS)
     health = jnp.ones((TICKS, THRUSTERS)).at[:, 0].set(left).at[TICKS // 2 :, 1].set(0.0)
     block = PriorityAllocation.of(model(), slew=200.0)
-    return Example(block, AllocationInput(over_time(6, seed=60, size=8.0), health, every_tick(jnp.ones(6))))
+    return Example(block, jax.vmap(AllocationInput)(over_time(6, seed=60, size=8.0), health, every_tick(jnp.ones(6))))
 
 
 EYE = Camera("camera", lens_from([1000, 1000], [639.5, 359.5], (1280, 720)), np.array([0.2, 0.0, 0.0]), R_DEVICE_C)
@@ -469,7 +472,7 @@ def marker_observer(**options: Any) -> Example:
 EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.thesis.allocation.Allocation": lambda: Example(
         Allocation.of(model()),
-        AllocationInput(over_time(6, seed=60), every_tick(model().thrusters.health), every_tick(jnp.ones(6))),
+        jax.vmap(AllocationInput)(over_time(6, seed=60), every_tick(model().thrusters.health), every_tick(jnp.ones(6))),
     ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),

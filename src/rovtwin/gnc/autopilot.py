@@ -3,6 +3,7 @@
 from typing import Any, Literal
 
 import equinox as eqx
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import (
@@ -18,6 +19,7 @@ from rovtwin.core.flow import (
     Wrench,
 )
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Flag, Index, PerThruster, PRNGKey, Vector3, Vector6
 from rovtwin.gnc.control.reference_model import ReferenceModel
 from rovtwin.gnc.guard import checked, kept, masked, nothing, retried
 from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping, CourseMemory
@@ -29,7 +31,7 @@ from rovtwin.gnc.safety.rules import SupervisorInput, is_finite
 from rovtwin.gnc.safety.supervisor import Supervisor, SupervisorMemory
 from rovtwin.gnc.safety.thruster_diagnosis import HealthInput, HealthMemory, ThrusterHealth
 from rovtwin.gnc.thesis.allocation import Allocation, Saturation
-from rovtwin.gnc.thesis.los_guidance import Guidance, GuidanceMemory
+from rovtwin.gnc.thesis.los_guidance import Guidance
 from rovtwin.gnc.thesis.pid import Pid
 from rovtwin.vehicle.physics.model import Model
 
@@ -40,25 +42,25 @@ Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
 
 
 class AutopilotMemory(eqx.Module):
-    """Memories of the parts; the last command u (n_thrusters,), what limits took of the last wrench, (6,), where they
-    cut it, (6,), the place of the last set-point, (3,), and which guarded block has failed, int (see `guard.checked`).
+    """Memories of the parts; the last command, what limits took of the last wrench, where they cut it, the
+    place of the last set-point, and which guarded block has failed (see `guard.checked`).
     """
 
     observer: Any
     monitor: HealthMemory | None
     terrain: TerrainMemory | None
     supervisor: SupervisorMemory
-    guidance: GuidanceMemory
+    guidance: Any
     contingency: ContingencyMemory
     course: CourseMemory | None
     reference: Reference
     control: Any
     allocation: Any
     command: Command
-    shortfall: Array
-    saturated: Array
-    desired_position: Array
-    failed: Array | None = None
+    shortfall: Vector6
+    saturated: Bool[Array, "6"]
+    desired_position: Vector3
+    failed: Index | None = None
 
 
 class Autopilot(Block):
@@ -72,7 +74,7 @@ class Autopilot(Block):
     Attributes:
         observer, supervisor, guidance, contingency, reference, control, allocation: Blocks, in the order of the data.
         mission: Way-points.
-        health: Share of its force that each thruster has from the start, shape (n_thrusters,).
+        health: Share of its force that each thruster has from the start.
         monitor: Finds thrusters that are lost on the way; without one all count as sound.
         ability: What can be done without them; None with `monitor`.
         terrain: Turns altitudes of way-points into depths; None where there are none.
@@ -89,7 +91,7 @@ class Autopilot(Block):
     control: Block
     allocation: Block
     mission: Mission
-    health: Array
+    health: PerThruster
     monitor: ThrusterHealth | None = None
     ability: ControlAuthority | None = None
     terrain: TerrainFollowing | None = None
@@ -137,7 +139,7 @@ class Autopilot(Block):
             health=model.thrusters.health,
         )
 
-    def init(self, key: Array, start: Start) -> AutopilotMemory:
+    def init(self, key: PRNGKey, start: Start) -> AutopilotMemory:
         names = (
             *("observer", "supervisor", "guidance", "reference", "control", "allocation", "contingency", "monitor"),
             *("terrain", "course"),
@@ -231,9 +233,9 @@ class Autopilot(Block):
         return self.course.step(memory, CourseInput(setpoint, estimate), dt)
 
     def _monitored(
-        self, memory: AutopilotMemory, estimate: Estimate, request: Array, dt: float
-    ) -> tuple[HealthMemory | None, Array, Array, Array]:
-        """The monitor's memory, health of each thruster, shape (n,), what can be done with it, int, and on which axes.
+        self, memory: AutopilotMemory, estimate: Estimate, request: Index, dt: float
+    ) -> tuple[HealthMemory | None, PerThruster, Index, Vector6]:
+        """The monitor's memory, health of each thruster, what can be done with it, and on which axes.
 
         An operator who arms wants to try thrusters again that were given up.
         """
@@ -244,13 +246,13 @@ class Autopilot(Block):
         return monitor, self.health * found, self.ability.judged(found), self.ability.axes(found)
 
 
-def _any(failed: Array | None) -> Array | None:
-    """Whether a block has failed, bool."""
+def _any(failed: Index | None) -> Flag | None:
+    """Whether a block has failed."""
     return None if failed is None else failed > 0
 
 
-def _fresh(input: AutopilotInput) -> Array:
-    """The pilot's command, shape (4,); zero where the newest one is older than PILOT_COMMAND_LIFE."""
+def _fresh(input: AutopilotInput) -> Float[Array, "4"]:
+    """The pilot's command; zero where the newest one is older than PILOT_COMMAND_LIFE."""
     return jnp.where(input.host.operator_age < PILOT_COMMAND_LIFE, input.pilot, 0.0)
 
 

@@ -7,6 +7,7 @@ curve is among what the test should find; only the gains of holding are placed f
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.arrays.filters import alpha_beta, integrated
 from rovtwin.core.block import Block, Start
@@ -33,6 +34,7 @@ from rovtwin.core.frames import (
     yaw_rotation,
 )
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Index, PRNGKey, Quaternion, Scalar, Vector3, Vector6
 from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_PAUSED
 from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.safety.rules import SupervisorInput
@@ -54,30 +56,30 @@ LEVEL = np.array([True, True, False])  # what a position tells
 
 
 class RawEstimate(eqx.Module):
-    """What the readings say: position and its rate in n, shapes (3,), attitude, shape (4,), and body rates, shape (3,).
+    """What the readings say: position and its rate in n, attitude, and body rates.
 
     `quiet` is the time since a position was received [s].
     """
 
-    position: Array
-    velocity: Array
-    attitude: Array
-    rates: Array
-    quiet: Array
+    position: Vector3
+    velocity: Vector3
+    attitude: Quaternion
+    rates: Vector3
+    quiet: Scalar
 
     @property
-    def heading(self) -> Array:
+    def heading(self) -> Scalar:
         """See `frames.heading_of` [rad]."""
         return heading_of(self.attitude)
 
     @property
-    def lost(self) -> Array:
-        """Which axes of n nothing is known of any more, shape (3,), bool."""
+    def lost(self) -> Bool[Array, "3"]:
+        """Which axes of n nothing is known of any more."""
         return jnp.asarray(LEVEL) & (self.quiet > STALE)
 
 
 class HoldingGains(eqx.Module):
-    """PIDs in shares of the full command, surge to yaw, shapes (6,); zero where thrusters cannot push alone.
+    """PIDs in shares of the full command, surge to yaw; zero where thrusters cannot push alone.
 
     Attributes:
         stiffness: Per metre and radian.
@@ -87,10 +89,10 @@ class HoldingGains(eqx.Module):
             for one that pushes sideways.
     """
 
-    stiffness: Array = eqx.field(converter=as_array)
-    damping: Array = eqx.field(converter=as_array)
-    integral: Array = eqx.field(converter=as_array)
-    reach: Array = eqx.field(converter=as_array)
+    stiffness: Vector6 = eqx.field(converter=as_array)
+    damping: Vector6 = eqx.field(converter=as_array)
+    integral: Scalar = eqx.field(converter=as_array)
+    reach: Scalar = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model) -> "HoldingGains":
@@ -109,61 +111,61 @@ class HoldingGains(eqx.Module):
 
 
 class ExperimentMemory(eqx.Module):
-    """Readings, supervisor's mode, home (4,), integral of the heading [share], tick, int."""
+    """Readings, supervisor's mode, place and heading of home, integral of the heading [share], tick."""
 
     estimate: RawEstimate
     supervisor: SupervisorMemory
-    home: Array
-    integral: Array
-    tick: Array
+    home: Float[Array, "4"]
+    integral: Scalar
+    tick: Index
 
 
 class Timeline(eqx.Module):
     """A test, tick by tick; rows beyond the last manoeuvre are padding.
 
     Attributes:
-        share: Command asked for on each axis, shape (ticks, 6).
-        row: Which row of the following holds, shape (ticks,), int.
-        hold: Whether an axis is held by its PID, shape (rows, 6): surge and sway on the way home, heave, yaw.
-        keep: Weak spring on each axis [share per m, rad], shape (rows, 6).
-        on: Whether thrusters may run, shape (rows,), bool.
-        manoeuvre: Number of the manoeuvre, shape (rows,), int.
-        phase: One of core.flow.PHASES, shape (rows,), int.
-        count: Ticks of the test, int.
+        share: Command asked for on each axis.
+        row: Which row of the following holds.
+        hold: Whether an axis is held by its PID: surge and sway on the way home, heave, yaw.
+        keep: Weak spring on each axis [share per m, rad].
+        on: Whether thrusters may run.
+        manoeuvre: Number of the manoeuvre.
+        phase: One of core.flow.PHASES.
+        count: Ticks of the test.
     """
 
-    share: Array
-    row: Array
-    hold: Array
-    keep: Array
-    on: Array
-    manoeuvre: Array
-    phase: Array
-    count: Array
+    share: Float[Array, "ticks 6"]
+    row: Int[Array, " ticks"]
+    hold: Float[Array, "rows 6"]
+    keep: Float[Array, "rows 6"]
+    on: Bool[Array, " rows"]
+    manoeuvre: Int[Array, " rows"]
+    phase: Int[Array, " rows"]
+    count: Index
 
 
 class Experiment(Block):
     """Flies a time-line; takes and gives what an autopilot does. Its estimate is the readings, hardly filtered.
 
     Attributes:
-        mixing: Thruster commands of a full command on each axis, shape (n, 6); zero where thrusters cannot push.
+        mixing: Thruster commands of a full command on each axis; zero where thrusters cannot push.
         timeline: The test.
         supervisor: Depth and attitude limits.
         gains: Of what is held.
         mounts: Sensors that do not sit at CO along the axes of b, by name.
         smoothing: Share of a position's surprise that is accepted.
         tracking: Rate at which its speed is corrected [1/s].
-        home: Place in n [m] and heading [rad] that it comes home to and holds, shape (4,); None: those it starts at.
+        home: Place in n [m] and heading [rad] that it comes home to and holds; None: those it starts at.
     """
 
-    mixing: Array
+    mixing: Float[Array, "n 6"]
     timeline: Timeline
     supervisor: Supervisor
     gains: HoldingGains
     mounts: dict[str, Mount] = eqx.field(default_factory=dict)
-    smoothing: Array = eqx.field(converter=as_array, default=0.25)
-    tracking: Array = eqx.field(converter=as_array, default=0.5)
-    home: Array | None = None
+    smoothing: Scalar = eqx.field(converter=as_array, default=0.25)
+    tracking: Scalar = eqx.field(converter=as_array, default=0.5)
+    home: Float[Array, "4"] | None = None
 
     @classmethod
     def of(
@@ -172,13 +174,13 @@ class Experiment(Block):
         timeline: Timeline,
         supervisor: Supervisor | None = None,
         mounts: dict[str, Mount] | None = None,
-        home: Array | None = None,
+        home: Float[Array, "4"] | None = None,
     ) -> "Experiment":
         """An experiment on a vehicle; its forces are used by what is held, and by nothing else."""
         mix, gains = as_array(mixing(model)), HoldingGains.of(model)
         return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {}, home=home)
 
-    def init(self, key: Array, start: Start) -> ExperimentMemory:
+    def init(self, key: PRNGKey, start: Start) -> ExperimentMemory:
         raw = RawEstimate(start.position, jnp.zeros(3), start.attitude, start.velocity[3:], jnp.zeros(()))
         here = jnp.append(start.position, raw.heading)
         home = here if self.home is None else self.home
@@ -220,7 +222,7 @@ class Experiment(Block):
         path, wrench = Reference(place, attitude, *(still[:3],) * 4), Wrench(still, still > 0.0)
         return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
 
-    def _course(self, hold: Array, home: Array, raw: RawEstimate, turn: Array) -> Array:
+    def _course(self, hold: Vector6, home: Float[Array, "4"], raw: RawEstimate, turn: Scalar) -> Scalar:
         """Angle that the heading has to turn by [rad]: without sway, bow or stern to home until that is near."""
         way = jnp.where(raw.lost[:2], 0.0, home[:2] - raw.position[:2])
         far = jnp.clip(jnp.sqrt(jnp.sum(way**2) + 1e-12) / self.gains.reach - 0.5, 0.0, 1.0) * hold[0] * hold[1]
@@ -228,8 +230,8 @@ class Experiment(Block):
         nearer = jnp.where(jnp.abs(bearing) > 0.5 * jnp.pi, wrap(bearing + jnp.pi), bearing)
         return far * nearer + (1.0 - far) * turn
 
-    def _pid(self, integral: Array, hold: Array, away: Array, speed: Array, dt: float) -> tuple[Array, Array]:
-        """The heading's new integral, which grows up to the limit, and the shares of what is held, shape (6,)."""
+    def _pid(self, integral: Scalar, hold: Vector6, away: Vector6, speed: Vector6, dt: float) -> tuple[Scalar, Vector6]:
+        """The heading's new integral, which grows up to the limit, and the shares of what is held."""
         growth = self.gains.integral * away[5] * dt
         command = self.gains.stiffness * away - self.gains.damping * speed
         command = command + jnp.zeros(6).at[5].set(integral + growth)
@@ -255,8 +257,8 @@ class Experiment(Block):
         )
 
 
-def mixing(model: Model) -> np.ndarray:
-    """Thruster commands that are a full command on each axis, shape (n, 6): pseudo-inverse, largest command 1.
+def mixing(model: Model) -> Float[np.ndarray, "n 6"]:
+    """Thruster commands that are a full command on each axis: pseudo-inverse, largest command 1.
 
     Thesis 7.1 in command space: all thrusters are taken to be alike. An axis that thrusters cannot push is zero.
 
@@ -268,8 +270,8 @@ def mixing(model: Model) -> np.ndarray:
     return np.where(able, pattern / np.where(able, largest, 1.0), 0.0)
 
 
-def _away(home: Array, raw: RawEstimate) -> tuple[Array, Array]:
-    """Way home along level axes that turn with the heading, and the speed along them, shapes (6,)."""
+def _away(home: Float[Array, "4"], raw: RawEstimate) -> tuple[Vector6, Vector6]:
+    """Way home along level axes that turn with the heading, and the speed along them."""
     level = yaw_rotation(raw.heading).T
     turn = wrap(home[3:] - raw.heading)
     tilt = jnp.zeros(2)

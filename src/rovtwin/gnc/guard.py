@@ -8,10 +8,12 @@ from dataclasses import replace
 from typing import Any, Literal, TypeVar, get_args
 
 import equinox as eqx
+from jaxtyping import Shaped
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ABORTED, ARM, NOT_A_NUMBER, AutopilotInput, AutopilotOutput, Command
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Flag, Index, PRNGKey
 from rovtwin.gnc.interfaces import Mode
 
 Place = Literal["observer", "guidance", "reference", "controller", "allocation", "autopilot"]
@@ -20,8 +22,8 @@ PLACES: tuple[Place, ...] = get_args(Place)
 Tree = TypeVar("Tree")
 
 
-def _all_finite(tree: Any) -> Array:
-    """Whether all floats of a tree are numbers, bool."""
+def _all_finite(tree: Any) -> Flag:
+    """Whether all floats of a tree are numbers."""
     floats = [leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     return jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in floats]))
 
@@ -30,7 +32,7 @@ def nothing(tree: Tree) -> Tree:
     """Zeros for all numbers of what one block gives to another, but for attitudes, which are level."""
     level = jnp.array([1.0, 0.0, 0.0, 0.0])
 
-    def of(path: tuple[Any, ...], leaf: Array) -> Array:
+    def of(path: tuple[Any, ...], leaf: Shaped[Array, "*axes"]) -> Shaped[Array, "*axes"]:
         return jnp.broadcast_to(level, leaf.shape) if _named(path) == "attitude" else jnp.zeros_like(leaf)
 
     return jax.tree_util.tree_map_with_path(of, tree)
@@ -40,11 +42,11 @@ def _named(path: tuple[Any, ...]) -> str:
     return str(getattr(path[-1], "name", "")) if path else ""
 
 
-def checked(failed: Array | None, place: Place, given: Tree) -> tuple[Array | None, Tree]:
+def checked(failed: Index | None, place: Place, given: Tree) -> tuple[Index | None, Tree]:
     """What a block gave, or `nothing` if that is no number, and which block has failed until now.
 
     Args:
-        failed: The first block that has failed before, int: 0 none, else 1 and its place in PLACES; None: nothing is
+        failed: The first block that has failed before: 0 none, else 1 and its place in PLACES; None: nothing is
             watched.
         place: Of this one.
         given: Its output.
@@ -56,19 +58,19 @@ def checked(failed: Array | None, place: Place, given: Tree) -> tuple[Array | No
     return failed, jax.tree.map(lambda leaf, none: jnp.where(fine, leaf, none), given, nothing(given))
 
 
-def retried(failed: Array | None, request: Array) -> Array | None:
-    """Which block counts as failed, int: an operator who arms wants to try again those that did."""
+def retried(failed: Index | None, request: Index) -> Index | None:
+    """Which block counts as failed: an operator who arms wants to try again those that did."""
     return None if failed is None else jnp.where(request == ARM, 0, failed)
 
 
-def kept(failed: Array | None, after: Tree, before: Tree) -> Tree:
+def kept(failed: Index | None, after: Tree, before: Tree) -> Tree:
     """Memories after a tick, or those before it where a block has failed: they may be no numbers either."""
     if failed is None:
         return after
     return jax.tree.map(lambda new, old: jnp.where(failed > 0, old, new), after, before)
 
 
-def masked(failed: Array | None, mode: Mode, command: Command) -> Command:
+def masked(failed: Index | None, mode: Mode, command: Command) -> Command:
     """The command cut at 1, and zeros where thrusters have to be off, whatever somebody else's allocation makes."""
     if failed is None:
         return command
@@ -79,7 +81,7 @@ class GuardedMemory(eqx.Module):
     """Memory of the autopilot, and whether it has failed, see `checked`."""
 
     autopilot: Any
-    failed: Array
+    failed: Index
 
 
 class Guarded(Block):
@@ -91,7 +93,7 @@ class Guarded(Block):
 
     autopilot: Block
 
-    def init(self, key: Array, start: Start) -> GuardedMemory:
+    def init(self, key: PRNGKey, start: Start) -> GuardedMemory:
         return GuardedMemory(self.autopilot.init(key, start), jnp.asarray(0))
 
     def step(self, memory: GuardedMemory, input: AutopilotInput, dt: float) -> tuple[GuardedMemory, AutopilotOutput]:

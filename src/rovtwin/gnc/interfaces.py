@@ -6,9 +6,11 @@ What also flows through the loop outside the autopilot (measurements, estimate, 
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Bool
 
 from rovtwin.core.flow import Command, Estimate, Measurements, Mission, Reference, Setpoint, Wrench
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Flag, Index, PerThruster, Vector6
 
 MODES = ("idle", "running", "piloted", "paused", "holding", "returning", "surfacing", "aborted")
 
@@ -20,13 +22,13 @@ MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED = range(4, len(MODES)
 
 
 class Mode(eqx.Module):
-    """One of MODES, int, and one of core.flow.REASONS, int, that says why it is not the operator's."""
+    """One of MODES, and one of core.flow.REASONS, that says why it is not the operator's."""
 
-    mode: Array
-    reason: Array
+    mode: Index
+    reason: Index
 
     @property
-    def active(self) -> Array:
+    def active(self) -> Flag:
         """Whether thrusters may be used: in every mode but idle and aborted."""
         return (self.mode != MODE_IDLE) & (self.mode != MODE_ABORTED)
 
@@ -52,28 +54,28 @@ class ControlInput(eqx.Module):
     Attributes:
         estimate: Where the vehicle is assumed to be.
         reference: Where it should be.
-        shortfall: Wrench asked for less wrench allocated in the last tick, shape (6,): what limits took away.
-        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
+        shortfall: Wrench asked for less wrench allocated in the last tick: what limits took away.
+        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1.
     """
 
     estimate: Estimate
     reference: Reference
-    shortfall: Array
-    axes: Array = eqx.field(default_factory=lambda: jnp.ones(6))
+    shortfall: Vector6
+    axes: Vector6 = eqx.field(default_factory=lambda: jnp.ones(6))
 
 
 class AllocationInput(eqx.Module):
     """What allocation takes.
 
     Attributes:
-        tau: Desired wrench, b at CO [N, N m], shape (6,).
-        health: Share of its force that each thruster still gives, shape (n,): 1 sound, 0 lost.
-        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
+        tau: Desired wrench, b at CO [N, N m].
+        health: Share of its force that each thruster still gives: 1 sound, 0 lost.
+        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1.
     """
 
-    tau: Array
-    health: Array
-    axes: Array = eqx.field(default_factory=lambda: jnp.ones(6))
+    tau: Vector6
+    health: PerThruster
+    axes: Vector6 = eqx.field(default_factory=lambda: jnp.ones(6))
 
 
 class Allocated(eqx.Module):
@@ -81,18 +83,18 @@ class Allocated(eqx.Module):
 
     Attributes:
         command: For the thrusters.
-        made: Wrench that the thrusters settle at with it, b at CO [N, N m], shape (6,).
-        residual: Desired less made, shape (6,).
-        shortfall: The part of it that limits and lost thrusters took, shape (6,): what an integral must not wind up
-            on. The rest is what thrusters too near to standstill keep back, which an integral has to overcome.
-        limited: Whether a thruster is at a limit, of force or of rate, shape (n,), bool; a lost one is not.
+        made: Wrench that the thrusters settle at with it, b at CO [N, N m].
+        residual: Desired less made.
+        shortfall: The part of it that limits and lost thrusters took: what an integral must not wind up on. The rest is
+            what thrusters too near to standstill keep back, which an integral has to overcome.
+        limited: Whether a thruster is at a limit, of force or of rate; a lost one is not.
     """
 
     command: Command
-    made: Array
-    residual: Array
-    shortfall: Array
-    limited: Array
+    made: Vector6
+    residual: Vector6
+    shortfall: Vector6
+    limited: Bool[Array, " n"]
 
 
 def output_of(input: Any) -> Any:

@@ -2,36 +2,38 @@
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.frames import cross, readings_in_body
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import IMU, kind_of
+from rovtwin.core.types import Matrix3, Scalar, Vector3
 
 
 class Mount(eqx.Module):
     """A sensor as an observer knows it.
 
     Attributes:
-        std: Of its noise, scalar or shape (n,).
-        lever: Its place seen from CO, b [m], shape (3,).
-        rotation: R_bs, maps its axes to b, shape (3, 3).
+        std: Of its noise, of all its axes or of each.
+        lever: Its place seen from CO, b [m].
+        rotation: R_bs, maps its axes to b.
         sight: Of an acoustic position, in place of `std`: along the line of sight from n's origin and across it [m],
-            and how that grows, as the root of the sum of squares, per metre of range, shape (3,); or None.
+            and how that grows, as the root of the sum of squares, per metre of range; or None.
     """
 
-    std: Array = eqx.field(converter=as_array)
-    lever: Array = eqx.field(converter=as_array, default=(0.0, 0.0, 0.0))
-    rotation: Array = eqx.field(converter=as_array, default_factory=lambda: np.eye(3))
-    sight: Array | None = None
+    std: Scalar | Float[Array, " n"] = eqx.field(converter=as_array)
+    lever: Vector3 = eqx.field(converter=as_array, default=(0.0, 0.0, 0.0))
+    rotation: Matrix3 = eqx.field(converter=as_array, default_factory=lambda: np.eye(3))
+    sight: Vector3 | None = None
 
     @property
-    def variance(self) -> Array:
-        """Of the noise of three axes, along those of b, shape (3,)."""
+    def variance(self) -> Vector3:
+        """Of the noise of three axes, along those of b."""
         return (self.rotation * self.rotation) @ jnp.broadcast_to(self.std**2, 3)
 
 
-def at_co(measurements: Measurements, mounts: dict[str, Mount], R_nb: Array, omega: Array) -> Measurements:
+def at_co(measurements: Measurements, mounts: dict[str, Mount], R_nb: Matrix3, omega: Vector3) -> Measurements:
     """Readings as sensors at CO along the axes of b would give them, with an estimated attitude and turn rate.
 
     Only turned is specific force: what its lever adds takes the angular acceleration, which readings do not tell.
@@ -39,8 +41,8 @@ def at_co(measurements: Measurements, mounts: dict[str, Mount], R_nb: Array, ome
     Args:
         measurements: As they came; sensors that `mounts` lacks pass as they are.
         mounts: By name.
-        R_nb: Attitude, maps b to n, shape (3, 3).
-        omega: Angular velocity, b [rad/s], shape (3,).
+        R_nb: Attitude, maps b to n.
+        omega: Angular velocity, b [rad/s].
     """
     return {
         name: slot if name not in mounts else _moved(slot, kind_of(name), mounts[name], R_nb, omega)
@@ -48,7 +50,7 @@ def at_co(measurements: Measurements, mounts: dict[str, Mount], R_nb: Array, ome
     }
 
 
-def _moved(slot: Slot, kind: str, mount: Mount, R_nb: Array, omega: Array) -> Slot:
+def _moved(slot: Slot, kind: str, mount: Mount, R_nb: Matrix3, omega: Vector3) -> Slot:
     lever = mount.lever
     if kind == "position":
         value = slot.value - (R_nb @ lever)[:2]

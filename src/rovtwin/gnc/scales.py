@@ -16,6 +16,7 @@ its own metres and seconds (Froude's law of similitude).
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.analysis.stability import by_products, steady_speed
 from rovtwin.vehicle.constants import GRAVITY
@@ -38,7 +39,7 @@ HEAVE, YAW = 2, 5
 
 @dataclass(frozen=True)
 class VehicleScales:
-    """Sizes of one vehicle; surge to yaw, shape (6,), unless said otherwise.
+    """Sizes of one vehicle; surge to yaw, unless said otherwise.
 
     Attributes:
         length: Cube root of the displaced volume of fresh water [m].
@@ -48,19 +49,19 @@ class VehicleScales:
         cruise: Speed whose drag takes half of it [m/s, rad/s].
         bandwidth: Of a controller [rad/s]; surge and sway share the lower one. Along an axis without thrusters the
             lowest of the others, so that a time never gets infinite.
-        upright: Speed in surge, sway and heave at which Munk's moment in roll and pitch is half as stiff as what
-            rights the vehicle, control included, in heave also that whose thrust tilts it by TILT [m/s], shape (3,);
-            ANY where neither is the case.
+        upright: Speed in surge, sway and heave at which Munk's moment in roll and pitch is half as stiff as what rights
+            the vehicle, control included, in heave also that whose thrust tilts it by TILT [m/s]; ANY where neither is
+            the case.
         weight: In air [N].
     """
 
     length: float
-    force: np.ndarray
-    acceleration: np.ndarray
-    top: np.ndarray
-    cruise: np.ndarray
-    bandwidth: np.ndarray
-    upright: np.ndarray
+    force: Float[np.ndarray, "6"]
+    acceleration: Float[np.ndarray, "6"]
+    top: Float[np.ndarray, "6"]
+    cruise: Float[np.ndarray, "6"]
+    bandwidth: Float[np.ndarray, "6"]
+    upright: Float[np.ndarray, "3"]
     weight: float
 
     @classmethod
@@ -115,15 +116,15 @@ class VehicleScales:
         return float(max(min(self.cruise[0], self.upright[0]), LEAST * self.cruise[0]))
 
     @property
-    def level_speed(self) -> np.ndarray:
-        """Largest speed through the water in surge and sway at which the vehicle stays level [m/s], shape (2,)."""
+    def level_speed(self) -> Float[np.ndarray, "2"]:
+        """Largest speed through the water in surge and sway at which the vehicle stays level [m/s]."""
         level = MARGIN * np.sqrt(2.0) * self.upright[:2]
         least = LEAST * max(float(self.cruise[:2].max()), 0.1 * self.wave_speed)
         return np.where(self.upright[:2] < ANY, np.maximum(level, least), ANY)
 
     @property
-    def piloted_speed(self) -> np.ndarray:
-        """Largest speed of a pilot in surge and sway, level and with thrust to spare [m/s], shape (2,)."""
+    def piloted_speed(self) -> Float[np.ndarray, "2"]:
+        """Largest speed of a pilot in surge and sway, level and with thrust to spare [m/s]."""
         return np.minimum(0.95 * self.top[:2], self.level_speed)
 
     @property
@@ -137,8 +138,8 @@ class VehicleScales:
         return 4.3004e-5 * self.weight / (self.length / GRAVITY) ** 0.25
 
 
-def straight(model: Model) -> np.ndarray:
-    """Least bandwidth of roll, pitch and yaw that holds the vehicle straight at its top speed [rad/s], shape (6,).
+def straight(model: Model) -> Float[np.ndarray, "6"]:
+    """Least bandwidth of roll, pitch and yaw that holds the vehicle straight at its top speed [rad/s].
 
     Munk's moment on a body that is turned by a small angle from its motion at speed U is the difference of its two
     added masses times U^2 and the angle (Fossen 2021, sec. 6.3.3). Thrusters' lag is what limits the bandwidth.
@@ -159,8 +160,10 @@ def _lag(model: Model) -> float:
     return max(stated, QUICKEST * float(np.sqrt(size(model) / GRAVITY)))
 
 
-def _speeds(model: Model, force: np.ndarray, acceleration: np.ndarray, length: float) -> np.ndarray:
-    """Steady speed of each axis under a force, the slower of ahead and astern, shape (6,).
+def _speeds(
+    model: Model, force: Float[np.ndarray, "6"], acceleration: Float[np.ndarray, "6"], length: float
+) -> Float[np.ndarray, "6"]:
+    """Steady speed of each axis under a force, the slower of ahead and astern.
 
     Without drag a speed has no end: one that the force reaches within a length, or a radian, does in its place.
     """
@@ -169,7 +172,7 @@ def _speeds(model: Model, force: np.ndarray, acceleration: np.ndarray, length: f
     return np.where(np.isfinite(np.min(pairs, axis=1)), np.min(pairs, axis=1), reached)
 
 
-def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
+def _upright(model: Model, bandwidth: Float[np.ndarray, "6"]) -> Float[np.ndarray, "3"]:
     """Half of the stiffness of roll and pitch, by righting moment and control, over the added masses' difference.
 
     Munk's moment at a small angle is that difference times speed squared and angle (Fossen 2021, sec. 6.3.3). It turns
@@ -195,7 +198,7 @@ def _upright_dive(model: Model) -> float:
     return min(steady_speed(model, HEAVE, force), steady_speed(model, HEAVE, -force), ANY)
 
 
-def _bandwidth(acceleration: np.ndarray, length: float, lag: float) -> np.ndarray:
+def _bandwidth(acceleration: Float[np.ndarray, "6"], length: float, lag: float) -> Float[np.ndarray, "6"]:
     own = np.sqrt(acceleration / np.repeat([length, 1.0], 3)) * [LEVEL, LEVEL, DEPTH, TURN, TURN, TURN]
     w = np.minimum(own, LAGS / lag)
     some = w > 0.0

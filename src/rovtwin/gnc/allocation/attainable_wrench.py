@@ -93,7 +93,7 @@ class RemainingWrench(eqx.Module):
     horizontal: Scalar
 
     @property
-    def either(self) -> Vector6:
+    def either(self) -> Float[Array, "*axes 6"]:
         """What is there both ways."""
         return jnp.minimum(self.negative, self.positive)
 

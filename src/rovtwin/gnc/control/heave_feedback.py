@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.linalg import solve_continuous_are
 
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Scalar, Vector2, Vector6
 from rovtwin.gnc.scales import ANY, HEAVE, VehicleScales
 from rovtwin.vehicle.analysis.stability import hang, linearised_at, tilt_of_thrust
 from rovtwin.vehicle.physics.actuation import wrench_of_forces
@@ -35,19 +37,19 @@ class HeaveFeedback(eqx.Module):
     """Gains of the heave force; the tilted axes are those of roll and pitch that only heave moves.
 
     Attributes:
-        speeds: In surge through the water [m/s], shape (k,), rising.
-        gains: Of depth [N/m], heave velocity [N s/m], rates of roll and pitch [N s/rad] and their angles [N/rad],
-            shape (k, 6); zero for an axis that heave does not tilt.
-        lever: Moment in roll and pitch about CO that the thrusters make with forces along X, Y and Z [m], shape (2, 3).
-        stiffness: What rights roll and pitch at rest [N m/rad], shape (2,).
-        munk: What turns them, per speed squared in sway and in surge [kg], shape (2,).
+        speeds: In surge through the water [m/s], rising.
+        gains: Of depth [N/m], heave velocity [N s/m], rates of roll and pitch [N s/rad] and their angles [N/rad]; zero
+            for an axis that heave does not tilt.
+        lever: Moment in roll and pitch about CO that the thrusters make with forces along X, Y and Z [m].
+        stiffness: What rights roll and pitch at rest [N m/rad].
+        munk: What turns them, per speed squared in sway and in surge [kg].
     """
 
-    speeds: Array = eqx.field(converter=as_array)
-    gains: Array = eqx.field(converter=as_array)
-    lever: Array = eqx.field(converter=as_array)
-    stiffness: Array = eqx.field(converter=as_array)
-    munk: Array = eqx.field(converter=as_array)
+    speeds: Float[Array, " k"] = eqx.field(converter=as_array)
+    gains: Float[Array, "k 6"] = eqx.field(converter=as_array)
+    lever: Float[Array, "2 3"] = eqx.field(converter=as_array)
+    stiffness: Vector2 = eqx.field(converter=as_array)
+    munk: Vector2 = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model, bandwidth: float | None = None, damping_ratio: float = 1.0) -> "HeaveFeedback | None":
@@ -71,20 +73,20 @@ class HeaveFeedback(eqx.Module):
         lever = wrench_of_forces(model)[3:5]
         return cls(speeds, gains, lever, hang(model).stiffness, [added[2] - added[1], added[2] - added[0]])
 
-    def depth_error(self, speed: Array) -> Array:
+    def depth_error(self, speed: Scalar) -> Scalar:
         """The error in depth [m] that asks for a speed up or down [m/s], the least over all surge speeds."""
         return speed * jnp.min(self.gains[:, 1] / self.gains[:, 0])
 
-    def force(self, depth: Array, heave: Array, nu_r: Array, tilt: Array, wrench: Array) -> Array:
+    def force(self, depth: Scalar, heave: Scalar, nu_r: Vector6, tilt: Vector2, wrench: Vector6) -> Scalar:
         """Heave force [N].
 
         Args:
             depth: Error, positive if the vehicle has to go down [m].
             heave: Desired velocity less the vehicle's own, b [m/s].
-            nu_r: Slow velocity through the water, b, shape (6,).
-            tilt: Roll and pitch, `frames.tilt_of` [rad], shape (2,).
-            wrench: What else is asked for, inverse dynamics, b at CO [N, N m], shape (6,): its forces tilt the
-                vehicle, and so does what of its moments nobody makes.
+            nu_r: Slow velocity through the water, b.
+            tilt: Roll and pitch, `frames.tilt_of` [rad].
+            wrench: What else is asked for, inverse dynamics, b at CO [N, N m]: its forces tilt the vehicle, and so does
+                what of its moments nobody makes.
         """
         gains = jnp.stack([jnp.interp(nu_r[0], self.speeds, column) for column in self.gains.T])
         turning = self.munk * jnp.stack([nu_r[1], nu_r[0]]) ** 2
@@ -110,8 +112,10 @@ def _weights(scales: VehicleScales, bandwidth: float, damping_ratio: float) -> _
     return _Weights(scales.length**-2.0, speed, STEEP**-2.0, force**-2.0, DECAY * bandwidth)
 
 
-def _gains(model: Model, weights: _Weights, motion: np.ndarray, speed: float, tilted: np.ndarray) -> np.ndarray:
-    """Of depth, heave, rates and angles of roll and pitch, shape (6,); `motion` is A of `linearised` at the speed."""
+def _gains(
+    model: Model, weights: _Weights, motion: Float[np.ndarray, "m m"], speed: float, tilted: Bool[np.ndarray, "2"]
+) -> Float[np.ndarray, "6"]:
+    """Of depth, heave, rates and angles of roll and pitch; `motion` is A of `linearised` at the speed."""
     axes = np.flatnonzero(tilted)
     states = np.concatenate([[HEAVE], 3 + axes, 6 + axes])  # in `linearised`
     n, rates, angles = len(states), slice(1, 1 + len(axes)), slice(1 + len(axes), 1 + 2 * len(axes))

@@ -12,7 +12,8 @@ from rovtwin.core.frames import (
     rotation_error,
     rotation_from_quaternion,
 )
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import PRNGKey, Vector6
 
 _AXIS = jnp.arange(6)
 
@@ -27,15 +28,15 @@ class ReferenceModel(Block):
     way-points stays straight.
 
     Attributes:
-        damping_ratio: delta, shape (6,).
-        frequency: w [rad/s], shape (6,).
-        speed_limit: Largest velocity in n and angular velocity in d [m/s, rad/s], shape (6,); inf is none.
+        damping_ratio: delta.
+        frequency: w [rad/s].
+        speed_limit: Largest velocity in n and angular velocity in d [m/s, rad/s]; inf is none.
         obey_speed: Whether horizontal and vertical speed are each kept to the set-point's, where that is not zero.
     """
 
-    damping_ratio: Array = eqx.field(converter=as_array)
-    frequency: Array = eqx.field(converter=as_array)
-    speed_limit: Array = eqx.field(converter=as_array)
+    damping_ratio: Vector6 = eqx.field(converter=as_array)
+    frequency: Vector6 = eqx.field(converter=as_array)
+    speed_limit: Vector6 = eqx.field(converter=as_array)
     obey_speed: bool = eqx.field(static=True, default=False)
 
     @classmethod
@@ -43,7 +44,7 @@ class ReferenceModel(Block):
         """delta = 1, w = 1.5 rad/s; the thesis has no speed limit, so that way-points' speeds count for nothing."""
         return cls(np.full(6, 1.0), np.full(6, 1.5), np.full(6, np.inf), obey_speed)  # type: ignore[arg-type]  (NumPy)
 
-    def init(self, key: Array, start: Start) -> Reference:
+    def init(self, key: PRNGKey, start: Start) -> Reference:
         velocity, still = rotation_from_quaternion(start.attitude) @ start.velocity[:3], jnp.zeros(3)
         return Reference(start.position, start.attitude, velocity, start.velocity[3:], still, still)
 
@@ -67,7 +68,7 @@ class ReferenceModel(Block):
         reference = Reference(*place, rate[:3], rate[3:], change[:3], change[3:])
         return reference, reference
 
-    def _limited(self, rate: Array, nu: Array) -> Array:
+    def _limited(self, rate: Vector6, nu: Vector6) -> Vector6:
         limit = self.speed_limit
         if self.obey_speed:
             desired = jnp.sum(nu[:3] ** 2)
@@ -80,7 +81,7 @@ class ReferenceModel(Block):
         return jnp.clip(rate, -limit, limit)
 
 
-def _transition(damping: Array, frequency: Array, dt: float) -> tuple[Array, Array, Array]:
+def _transition(damping: Vector6, frequency: Vector6, dt: float) -> tuple[Vector6, Vector6, Vector6]:
     """c, s and decay with exp(A dt) = decay (c I + s (A + damping I)), for any damping ratio.
 
     With q = damping^2 - w^2: c = cosh(sqrt(q) dt), s = sinh(sqrt(q) dt) / sqrt(q); for q < 0 cosine and sine.

@@ -28,7 +28,8 @@ from rovtwin.core.frames import (
     rotation_from_quaternion,
     tilt_of,
 )
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import PRNGKey, Scalar, Vector2, Vector3, Vector6
 from rovtwin.gnc.allocation.shared_thrust import SharedThrust
 from rovtwin.gnc.control.heave_feedback import HeaveFeedback
 from rovtwin.gnc.control.reference_model import ReferenceModel
@@ -64,7 +65,7 @@ class PathReference(Block):
         frequency = scales.bandwidth * np.where(np.arange(6) == HEAVE, 1.25, 1.0)
         return cls(ReferenceModel(np.ones(6), frequency, limit))  # type: ignore[arg-type]  (NumPy)
 
-    def init(self, key: Array, start: Start) -> Reference:
+    def init(self, key: PRNGKey, start: Start) -> Reference:
         return self.model.init(key, start)
 
     def step(self, memory: Reference, input: Setpoint, dt: float) -> tuple[Reference, Reference]:
@@ -85,11 +86,11 @@ class TrackingMemory(eqx.Module):
     """What control remembers.
 
     Attributes:
-        moments: Integral [N m], shape (3,).
+        moments: Integral [N m].
         level: What it may go beyond the level speed.
     """
 
-    moments: Array
+    moments: Vector3
     level: Allowance
 
 
@@ -99,9 +100,9 @@ class Tracking(Block):
     Attributes:
         model: What the vehicle is assumed to be.
         sustained: Tells the current.
-        K_p: Of the pose error, b [1/s2], shape (6,).
-        K_d: Of the velocity error, b [1/s], shape (6,).
-        K_i: Of the attitude error's integral [N m/rad/s], shape (3,).
+        K_p: Of the pose error, b [1/s2].
+        K_d: Of the velocity error, b [1/s].
+        K_i: Of the attitude error's integral [N m/rad/s].
         reach: Largest position error that counts [m].
         limits: Of tau.
         allowance: How it comes to go faster than its level speed; guidance, which plans ways, knows nothing of it.
@@ -110,10 +111,10 @@ class Tracking(Block):
 
     model: Model
     sustained: AchievableSpeed
-    K_p: Array = eqx.field(converter=as_array)
-    K_d: Array = eqx.field(converter=as_array)
-    K_i: Array = eqx.field(converter=as_array)
-    reach: Array = eqx.field(converter=as_array)
+    K_p: Vector6 = eqx.field(converter=as_array)
+    K_d: Vector6 = eqx.field(converter=as_array)
+    K_i: Vector3 = eqx.field(converter=as_array)
+    reach: Scalar = eqx.field(converter=as_array)
     limits: SharedThrust
     allowance: LevelAllowance
     tilting: HeaveFeedback | None = None
@@ -159,7 +160,7 @@ class Tracking(Block):
             tilting=tilting,
         )
 
-    def init(self, key: Array, start: Start) -> TrackingMemory:
+    def init(self, key: PRNGKey, start: Start) -> TrackingMemory:
         return TrackingMemory(jnp.zeros(3), Allowance.none())
 
     def step(self, memory: TrackingMemory, input: ControlInput, dt: float) -> tuple[TrackingMemory, Wrench]:
@@ -220,16 +221,16 @@ class Tracking(Block):
         return TrackingMemory(moments, level), Wrench(tau, cut)
 
     def _depth_and_tilt(
-        self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, tilt: Array, wrench: Array
-    ) -> Array:
+        self, feedback: HeaveFeedback, deep: Scalar, heave: Scalar, nu_r: Vector6, tilt: Vector2, wrench: Vector6
+    ) -> Scalar:
         """Heave force [N] of a depth error and a desired heave velocity: see HeaveFeedback.force."""
         most = jnp.minimum(self.reach, feedback.depth_error(self.sustained.level.dive(nu_r[:2])))
         deep = jnp.clip(deep, -most, most)
         return feedback.force(deep, heave - nu_r[HEAVE], nu_r, tilt, wrench)
 
     def _level(
-        self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array, allowed: Array
-    ) -> tuple[Array, Array, Array]:
+        self, estimate: Estimate, nu: Vector6, nu_ref: Vector6, e: Vector6, allowed: Scalar
+    ) -> tuple[Vector6, Vector6, Scalar]:
         """The reference's velocity, and what comes to the one that the error asks for, so that the vehicle stays level.
 
         Their velocities through the water are reduced to what keeps it level; nothing changes where they do. So in a
@@ -237,16 +238,16 @@ class Tracking(Block):
 
         Args:
             estimate: Tells the current.
-            nu: Slow velocity, b, shape (6,).
-            nu_ref: Of the reference, b, shape (6,).
-            e: Pose error, b, shape (6,).
+            nu: Slow velocity, b.
+            nu_ref: Of the reference, b.
+            e: Pose error, b.
             allowed: Factor on the level speed.
         """
         level = self.sustained.level
         flow = heading_rotation(estimate.heading).T @ self.sustained.current(estimate)
         down = level.dive(nu[:2] - flow)
 
-        def change(velocity: Array) -> Array:
+        def change(velocity: Vector6) -> Vector6:
             w = velocity[:2] - flow
             heave = jnp.clip(velocity[2], -down, down) - velocity[2]
             return jnp.zeros(6).at[:2].set(level.nearest(w, allowed) - w).at[2].set(heave)
@@ -257,8 +258,8 @@ class Tracking(Block):
         asked = jnp.where(follows, nu_ref + pressed, nu)[:2]
         return kept, change(kept + pressed), level.share(asked - flow)
 
-    def _flow(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
-        """Coriolis wrench and drag, shape (6,): forces at the reference's velocity, as b takes the current's part.
+    def _flow(self, estimate: Estimate, nu: Vector6, nu_ref: Vector6) -> Vector6:
+        """Coriolis wrench and drag: forces at the reference's velocity, as b takes the current's part.
 
         Of moments the filter estimates none: they are those of the velocity through the water, which along an axis
         without thrusters is what it is.
@@ -271,7 +272,7 @@ class Tracking(Block):
         moments = rigid + coriolis_wrench(model.added_mass, nu_r) + damping_wrench(model, nu_r)
         return jnp.concatenate([forces[:3], moments[3:]])
 
-    def _through_water(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
-        """Velocity through the water, b, shape (6,): the reference's along the axes that follow it."""
+    def _through_water(self, estimate: Estimate, nu: Vector6, nu_ref: Vector6) -> Vector6:
+        """Velocity through the water, b: the reference's along the axes that follow it."""
         moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
         return moves.at[:2].add(-heading_rotation(estimate.heading).T @ self.sustained.current(estimate))

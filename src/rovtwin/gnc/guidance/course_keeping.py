@@ -34,7 +34,8 @@ from rovtwin.core.flow import (
     Setpoint,
 )
 from rovtwin.core.frames import heading_of, heading_rotation, level_attitude, wrap
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.types import Flag, PRNGKey, Scalar, Vector2
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, significant
 from rovtwin.gnc.scales import YAW, VehicleScales
 from rovtwin.vehicle.physics.model import Model
@@ -58,18 +59,18 @@ class CourseMemory(eqx.Module):
     """What is remembered.
 
     Attributes:
-        current: Smoothed, n [m/s], shape (2,).
+        current: Smoothed, n [m/s].
         surge: Speed through the water that is asked for [m/s].
         heading: That is asked for [rad].
-        turns: Whether the bow follows w, bool; else the heading that was asked for, or the last one.
-        takes: Whether the last set-point was followed so, bool.
+        turns: Whether the bow follows w; else the heading that was asked for, or the last one.
+        takes: Whether the last set-point was followed so.
     """
 
-    current: Array
-    surge: Array
-    heading: Array
-    turns: Array
-    takes: Array
+    current: Vector2
+    surge: Scalar
+    heading: Scalar
+    turns: Flag
+    takes: Flag
 
 
 class CourseKeeping(Block):
@@ -87,12 +88,12 @@ class CourseKeeping(Block):
     """
 
     sustained: AchievableSpeed
-    gain: Array = eqx.field(converter=as_array)
-    cruise: Array = eqx.field(converter=as_array)
-    acceleration: Array = eqx.field(converter=as_array)
-    lag: Array = eqx.field(converter=as_array)
-    slack: Array = eqx.field(converter=as_array)
-    aside: Array = eqx.field(converter=as_array)
+    gain: Scalar = eqx.field(converter=as_array)
+    cruise: Scalar = eqx.field(converter=as_array)
+    acceleration: Scalar = eqx.field(converter=as_array)
+    lag: Scalar = eqx.field(converter=as_array)
+    slack: Scalar = eqx.field(converter=as_array)
+    aside: Scalar = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model, look_ahead: float | None = None) -> "CourseKeeping":
@@ -110,7 +111,7 @@ class CourseKeeping(Block):
             aside=sustained.aside_speed(),
         )
 
-    def init(self, key: Array, start: Start) -> CourseMemory:
+    def init(self, key: PRNGKey, start: Start) -> CourseMemory:
         no = jnp.asarray(False)
         return CourseMemory(jnp.zeros(2), jnp.zeros(()), heading_of(start.attitude), no, no)
 
@@ -160,14 +161,14 @@ class CourseKeeping(Block):
         begun = CourseMemory(current, surge, estimate.heading, jnp.asarray(False), memory.takes)
         return _either(memory.takes, memory, begun)
 
-    def _pull(self, away: Array) -> Array:
-        """Velocity towards the point [m/s], shape (2,): in proportion, but so that it can be stopped there."""
+    def _pull(self, away: Vector2) -> Vector2:
+        """Velocity towards the point [m/s]: in proportion, but so that it can be stopped there."""
         distance = jnp.sqrt(away @ away + 1e-12)
         speed = jnp.minimum(self.gain * distance, jnp.sqrt(self.acceleration * distance))
         return away / distance * jnp.minimum(speed, self.cruise)
 
-    def _steerable(self, w: Array, along: Array, bow: Array) -> Array:
-        """w, shape (2,), with as much way along a path that is under way as lets the bow steer, ahead or astern.
+    def _steerable(self, w: Vector2, along: Vector2, bow: Vector2) -> Vector2:
+        """w, with as much way along a path that is under way as lets the bow steer, ahead or astern.
 
         A current that carries the vehicle as fast as it is to go would leave it without.
         """
@@ -178,9 +179,9 @@ class CourseKeeping(Block):
         return w + jnp.where(slow, jnp.where(bow @ course >= 0.0, least, -least) - own, 0.0) * course
 
     def _turns(
-        self, memory: CourseMemory, asked: Setpoint, estimate: Estimate, w: Array, aim: Array
-    ) -> tuple[Array, Array]:
-        """Whether the bow has to follow the aim, and whether a heading that was asked for is given up for it, bool."""
+        self, memory: CourseMemory, asked: Setpoint, estimate: Estimate, w: Vector2, aim: Vector2
+    ) -> tuple[Flag, Flag]:
+        """Whether the bow has to follow the aim, and whether a heading that was asked for is given up for it."""
         unknown = jnp.sqrt(0.5 * (estimate.covariance[0, 0] + estimate.covariance[1, 1]))
         least = self.gain * (self.slack + unknown) * jnp.where(memory.turns, SETTLED, 1.0)
         least = jnp.where(asked.phase == GO, NO_SPEED * self.cruise, least)  # on its way it goes for the point itself
@@ -192,5 +193,5 @@ class CourseKeeping(Block):
         return turns, given_up & held
 
 
-def _either(which: Array, one: Any, other: Any) -> Any:
+def _either(which: Flag, one: Any, other: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)

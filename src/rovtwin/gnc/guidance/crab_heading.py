@@ -16,7 +16,8 @@ import numpy as np
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import heading_of, wrap
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import Flag, PRNGKey, Scalar, Vector2
 from rovtwin.gnc.guidance.speed_limit import FREE, AchievableSpeed, significant
 from rovtwin.gnc.scales import YAW, VehicleScales
 from rovtwin.vehicle.physics.model import Model
@@ -28,10 +29,10 @@ SAME = 1e-6  # headings that are one [rad]
 
 
 class BowInput(eqx.Module):
-    """What is preferred: a heading [rad] and a way over ground, n [m/s], shape (2,); and the estimate."""
+    """What is preferred: a heading [rad] and a way over ground, n [m/s]; and the estimate."""
 
-    preferred: Array
-    way: Array
+    preferred: Scalar
+    way: Vector2
     estimate: Estimate
 
 
@@ -39,16 +40,16 @@ class BowMemory(eqx.Module):
     """What is remembered.
 
     Attributes:
-        current: Smoothed, n [m/s], shape (2,).
+        current: Smoothed, n [m/s].
         heading: That was given [rad].
-        turned: Whether the current turned it away from the preferred one, bool.
+        turned: Whether the current turned it away from the preferred one.
         eased: How long the preferred one would have done since [s].
     """
 
-    current: Array
-    heading: Array
-    turned: Array
-    eased: Array
+    current: Vector2
+    heading: Scalar
+    turned: Flag
+    eased: Scalar
 
 
 class Bow(Block):
@@ -62,9 +63,9 @@ class Bow(Block):
     """
 
     sustained: AchievableSpeed
-    lag: Array = eqx.field(converter=as_array)
-    patience: Array = eqx.field(converter=as_array)
-    strongest: Array = eqx.field(converter=as_array)
+    lag: Scalar = eqx.field(converter=as_array)
+    patience: Scalar = eqx.field(converter=as_array)
+    strongest: Scalar = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model) -> "Bow | None":
@@ -76,11 +77,11 @@ class Bow(Block):
         strongest = most[most < FREE].max(initial=0.0) or scales.wave_speed
         return cls(sustained, SLOW / scales.level_bandwidth, EASED / scales.level_bandwidth, strongest)
 
-    def init(self, key: Array, start: Start) -> BowMemory:
+    def init(self, key: PRNGKey, start: Start) -> BowMemory:
         zero = jnp.zeros(())
         return BowMemory(jnp.zeros(2), heading_of(start.attitude), jnp.asarray(False), zero)
 
-    def step(self, memory: BowMemory, input: BowInput, dt: float) -> tuple[BowMemory, Array]:
+    def step(self, memory: BowMemory, input: BowInput, dt: float) -> tuple[BowMemory, Scalar]:
         known = self.sustained.current(significant(input.estimate))
         known = known * jnp.minimum(1.0, self.strongest / jnp.sqrt(known @ known + 1e-12))
         current = memory.current + jnp.minimum(dt / self.lag, 1.0) * (known - memory.current)
@@ -91,11 +92,13 @@ class Bow(Block):
         heading = jnp.where(turned & does, memory.heading, desired)
         return BowMemory(current, heading, turned, eased), heading
 
-    def heading(self, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
+    def heading(self, memory: BowMemory, preferred: Scalar, way: Vector2, estimate: Estimate) -> Scalar:
         """What it would give for another heading and way, if it had to now [rad]; arguments are those of BowInput."""
         return self._desired(memory.current, memory, preferred, way, estimate)
 
-    def _desired(self, current: Array, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
+    def _desired(
+        self, current: Vector2, memory: BowMemory, preferred: Scalar, way: Vector2, estimate: Estimate
+    ) -> Scalar:
         """Nearest to a preferred one at which it keeps up a way over ground, and stays where it stops [rad]."""
         current = current / jnp.where(memory.turned, BACK, 1.0)
         looks = jnp.where(memory.turned, memory.heading, estimate.heading)

@@ -11,7 +11,8 @@ the moment grows with the square of the speed and the angle with its exponential
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import Scalar, Vector2
 from rovtwin.gnc.guidance.level_speed import NEVER
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle.analysis.stability import hang
@@ -30,8 +31,8 @@ class Allowance(eqx.Module):
         wait: Until it may grow again [s].
     """
 
-    factor: Array
-    wait: Array
+    factor: Scalar
+    wait: Scalar
 
     @classmethod
     def none(cls) -> "Allowance":
@@ -43,24 +44,24 @@ class LevelAllowance(eqx.Module):
 
     Attributes:
         bandwidth: Of surge and sway [rad/s].
-        trim: Roll and pitch at rest [rad], shape (2,).
+        trim: Roll and pitch at rest [rad].
     """
 
-    bandwidth: Array = eqx.field(converter=as_array)
-    trim: Array = eqx.field(converter=as_array)
+    bandwidth: Scalar = eqx.field(converter=as_array)
+    trim: Vector2 = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model) -> "LevelAllowance":
         """In the vehicle's own time."""
         return cls(VehicleScales.of(model).level_bandwidth, np.nan_to_num(hang(model).trim))
 
-    def step(self, memory: Allowance, asked: Array, tilt: Array, dt: float) -> Allowance:
+    def step(self, memory: Allowance, asked: Scalar, tilt: Vector2, dt: float) -> Allowance:
         """A tick later.
 
         Args:
             memory: Before.
             asked: Speed through the water that is asked for, as a share of the level speed.
-            tilt: Roll and pitch, `frames.tilt_of` [rad], shape (2,).
+            tilt: Roll and pitch, `frames.tilt_of` [rad].
             dt: Tick [s].
         """
         off = tilt - self.trim

@@ -16,7 +16,8 @@ and pitch at small angles.
 import equinox as eqx
 
 from rovtwin.core.frames import wrap
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import Flag, Scalar, ScalarLike, Vector2
 from rovtwin.gnc.scales import ANY, MARGIN, VehicleScales
 from rovtwin.vehicle.physics.model import Model
 
@@ -30,46 +31,46 @@ class LevelSpeed(eqx.Module):
     """Limits of the velocity through the water.
 
     Attributes:
-        axes: Largest in surge and in sway alone, MARGIN of U and V [m/s], shape (2,); together they lie in an ellipse.
+        axes: Largest in surge and in sway alone, MARGIN of U and V [m/s]; together they lie in an ellipse.
     """
 
-    axes: Array = eqx.field(converter=as_array)
+    axes: Vector2 = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model) -> "LevelSpeed":
         """For a vehicle with sound thrusters."""
         return cls(VehicleScales.of(model).level_speed)
 
-    def share(self, w: Array) -> Array:
-        """A velocity through the water, b [m/s], shape (2,), over what keeps the vehicle level."""
+    def share(self, w: Vector2) -> Scalar:
+        """A velocity through the water, b [m/s], over what keeps the vehicle level."""
         return jnp.sqrt(_square(w / self.axes) + NEVER)
 
-    def nearest(self, w: Array, allowed: Array | float = 1.0) -> Array:
-        """A velocity through the water, b [m/s], shape (2,), reduced to so many times what keeps the vehicle level."""
+    def nearest(self, w: Vector2, allowed: ScalarLike = 1.0) -> Vector2:
+        """A velocity through the water, b [m/s], reduced to so many times what keeps the vehicle level."""
         share = self.share(w) / allowed
         return jnp.where(share > 1.0, w / share, w)
 
-    def along(self, part: Array, flow: Array) -> Array:
+    def along(self, part: Vector2, flow: Vector2) -> Scalar:
         """Largest speed over ground in a direction that keeps it level [m/s]; negative where none does.
 
         Args:
-            part: Unit vector of the direction, b, shape (2,).
-            flow: Current, b [m/s], shape (2,).
+            part: Unit vector of the direction, b.
+            flow: Current, b [m/s].
         """
         p, f = part / self.axes, flow / self.axes
         a, b, c = p @ p, p @ f, f @ f - 1.0
         left = b**2 - a * c
         return jnp.where(left > 0.0, (b + jnp.sqrt(jnp.maximum(left, NEVER))) / a, -jnp.sqrt(flow @ flow + NEVER))
 
-    def dive(self, w: Array) -> Array:
-        """Largest speed up or down at a velocity through the water, b [m/s], shape (2,), that tilts it by TILT."""
+    def dive(self, w: Vector2) -> Scalar:
+        """Largest speed up or down at a velocity through the water, b [m/s], that tilts it by TILT."""
         stands = MARGIN**2 * jnp.minimum(_square(w / self.axes), 1.0)
         turns = MARGIN**2 * jnp.sqrt(_square(w / self.axes**2) + NEVER)
         return jnp.minimum(TILT * (1.0 - stands) / turns, ANY)
 
     def heading(
-        self, preferred: Array, way: Array, current: Array, heading: Array, aside: Array, astern: Array
-    ) -> Array:
+        self, preferred: Scalar, way: Vector2, current: Vector2, heading: Scalar, aside: Scalar, astern: Scalar
+    ) -> Scalar:
         """Heading nearest to a preferred one at which the vehicle makes way against the current and stays level [rad].
 
         Where surge is level for longer than sway, or thrust in sway too weak, it turns its bow as far as it has to into
@@ -79,8 +80,8 @@ class LevelSpeed(eqx.Module):
 
         Args:
             preferred: Heading [rad].
-            way: Velocity over ground that is requested, n [m/s], shape (2,); SPARE of the level speed counts.
-            current: In n [m/s], shape (2,).
+            way: Velocity over ground that is requested, n [m/s]; SPARE of the level speed counts.
+            current: In n [m/s].
             heading: That it has [rad].
             aside: Largest speed through the water that thrusters push it sideways [m/s]; 0: none do.
             astern: The same backwards.
@@ -106,8 +107,8 @@ class LevelSpeed(eqx.Module):
         bow = wrap(course + jnp.arctan2(sideways, lengthways))
         return jnp.where(has_to, turned, jnp.where(jnp.sin(off) ** 2 > most, bow, preferred))
 
-    def _side_first(self, preferred: Array, current: Array, heading: Array, aside: Array) -> tuple[Array, Array]:
-        """Heading with as much of the side in the current as it takes [rad], and whether it takes it, bool."""
+    def _side_first(self, preferred: Scalar, current: Vector2, heading: Scalar, aside: Scalar) -> tuple[Scalar, Flag]:
+        """Heading with as much of the side in the current as it takes [rad], and whether it takes it."""
         flow = jnp.sqrt(current @ current + NEVER)
         # Speed to spare beside the current, as far as thrust and levelness have any sideways: turning the bow to where
         # they would have more makes it less level, not faster.
@@ -124,5 +125,5 @@ class LevelSpeed(eqx.Module):
         return wrap(course + jnp.arctan2(sideways, lengthways)), better & (least > jnp.sin(off) ** 2)
 
 
-def _square(x: Array) -> Array:
+def _square(x: Vector2) -> Scalar:
     return x @ x

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
@@ -92,8 +93,8 @@ def _check_ranges(row: Mapping[str, float | None], where: str) -> None:
             raise ConfigError(f"{where}.{key}: {row[key]:g} is out of range; expected {expected}")
 
 
-def waypoints(mission: Mission) -> np.ndarray:
-    """The way-points without the padding, shape (count, 3) [m]."""
+def waypoints(mission: Mission) -> Float[np.ndarray, "n 3"]:
+    """The way-points without the padding [m]."""
     return np.asarray(mission.position)[: int(mission.count)]
 
 

@@ -12,7 +12,8 @@ import equinox as eqx
 
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import wrap
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import jnp
+from rovtwin.core.types import Flag, Index, Scalar, ScalarLike, Vector2, Vector3
 
 SHARPEST = 2.6  # turns beyond this are no corner but a way back [rad]
 SHORT = 1e-6  # legs below this have no direction [m]
@@ -22,8 +23,8 @@ class Piece(eqx.Module):
     """The leg towards a way-point and the corner behind it.
 
     Attributes:
-        start: Where the leg starts, horizontally [m], shape (2,).
-        end: The way-point, shape (3,).
+        start: Where the leg starts, horizontally [m].
+        end: The way-point.
         direction: Of the leg [rad].
         length: Up to the arc, or to the way-point where there is none [m].
         turn: Angle of the corner, to starboard positive [rad]; 0 without an arc.
@@ -31,35 +32,35 @@ class Piece(eqx.Module):
         speed: Desired on the leg [m/s].
         after: Largest speed at its end [m/s]: that of the corner, or 0.
         acceptance, hold_time, heading, fixed_heading: As in the mission.
-        last: Whether no way-point follows, bool.
+        last: Whether no way-point follows.
     """
 
-    start: Array
-    end: Array
-    direction: Array
-    length: Array
-    turn: Array
-    radius: Array
-    speed: Array
-    after: Array
-    acceptance: Array
-    hold_time: Array
-    heading: Array
-    fixed_heading: Array
-    last: Array
+    start: Vector2
+    end: Vector3
+    direction: Scalar
+    length: Scalar
+    turn: Scalar
+    radius: Scalar
+    speed: Scalar
+    after: Scalar
+    acceptance: Scalar
+    hold_time: Scalar
+    heading: Scalar
+    fixed_heading: Flag
+    last: Flag
 
     @property
-    def arc_length(self) -> Array:
+    def arc_length(self) -> Scalar:
         """[m]; 0 without an arc."""
         return self.radius * jnp.abs(self.turn)
 
     @property
-    def arc_start(self) -> Array:
-        """Where the leg ends and the arc begins [m], shape (2,)."""
+    def arc_start(self) -> Vector2:
+        """Where the leg ends and the arc begins [m]."""
         return self.start + self.length * _towards(self.direction)
 
-    def at(self, s: Array, on_arc: Array) -> tuple[Array, Array, Array]:
-        """Place [m], shape (2,), direction [rad] and curvature [1/m] at a way s from the start of the leg or arc."""
+    def at(self, s: Scalar, on_arc: Flag) -> tuple[Vector2, Scalar, Scalar]:
+        """Place [m], direction [rad] and curvature [1/m] at a way s from the start of the leg or arc."""
         side = jnp.sign(self.turn)
         curvature = side / jnp.where(self.radius > 0, self.radius, 1.0)
         turned = self.direction + curvature * s
@@ -72,19 +73,19 @@ class Piece(eqx.Module):
 
 def piece_of(
     mission: Mission,
-    waypoint: Array,
-    start: Array,
-    heading: Array,
-    sideways: Array,
-    depth_step: Array,
-    tightest: Array | float = 0.0,
+    waypoint: Index,
+    start: Vector2,
+    heading: Scalar,
+    sideways: Scalar,
+    depth_step: Scalar,
+    tightest: ScalarLike = 0.0,
 ) -> Piece:
     """The leg from `start` to a way-point and the corner there.
 
     Args:
         mission: Way-points.
-        waypoint: Index of the one aimed at, int.
-        start: Where the leg starts [m], shape (2,).
+        waypoint: Index of the one aimed at.
+        start: Where the leg starts [m].
         heading: Direction of a leg too short to have one [rad].
         sideways: Largest acceleration in a corner [m/s2].
         depth_step: Way-points whose depths differ by more are dived to on the spot [m].
@@ -124,8 +125,8 @@ def piece_of(
     )
 
 
-def _leg(along: Array, heading: Array) -> tuple[Array, Array]:
-    """Length [m] and direction [rad] of a way, shape (2,); of none, the heading."""
+def _leg(along: Vector2, heading: Scalar) -> tuple[Scalar, Scalar]:
+    """Length [m] and direction [rad] of a way; of none, the heading."""
     length2 = along @ along
     none = length2 < SHORT**2
     north, east = jnp.where(none, 1.0, along[0]), jnp.where(none, 0.0, along[1])
@@ -134,5 +135,5 @@ def _leg(along: Array, heading: Array) -> tuple[Array, Array]:
     )
 
 
-def _towards(angle: Array) -> Array:
+def _towards(angle: Scalar) -> Vector2:
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

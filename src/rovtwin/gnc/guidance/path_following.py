@@ -37,7 +37,8 @@ from rovtwin.core.flow import (
     Setpoint,
 )
 from rovtwin.core.frames import heading_of, wrap
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.types import Flag, Index, PRNGKey, Scalar, Vector2, Vector3
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
 from rovtwin.gnc.guidance.path import SHORT, Piece, piece_of
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
@@ -57,45 +58,45 @@ class PathMemory(eqx.Module):
     """What guidance remembers.
 
     Attributes:
-        phase: IDLE, DIVE, GO, HOLD or FINISHED, int.
-        ticks: Ticks in this phase, int.
-        waypoint: Index of the way-point aimed at, int.
-        leg_start: Where the current leg starts [m], shape (2,).
+        phase: IDLE, DIVE, GO, HOLD or FINISHED.
+        ticks: Ticks in this phase.
+        waypoint: Index of the way-point aimed at.
+        leg_start: Where the current leg starts [m].
         s: Way along the leg, or along the arc behind it [m].
         speed: Of s [m/s].
         rate: Of the speed [m/s2].
-        on_arc: Whether s counts along the arc, bool.
-        position: Of the last set-point, n [m], shape (3,).
+        on_arc: Whether s counts along the arc.
+        position: Of the last set-point, n [m].
         heading: Of the last set-point [rad].
         course: Heading that it preferred, but for a current [rad]: that of a leg too short to have one.
         bow: Of a vehicle that crabs and turns: what the current makes of that heading.
         nearest: How near the vehicle came to the way-point since it last came near it [m].
-        misses: How often it passed it outside its acceptance, int.
+        misses: How often it passed it outside its acceptance.
     """
 
-    phase: Array
-    ticks: Array
-    waypoint: Array
-    leg_start: Array
-    s: Array
-    speed: Array
-    rate: Array
-    on_arc: Array
-    position: Array
-    heading: Array
-    course: Array
+    phase: Index
+    ticks: Index
+    waypoint: Index
+    leg_start: Vector2
+    s: Scalar
+    speed: Scalar
+    rate: Scalar
+    on_arc: Flag
+    position: Vector3
+    heading: Scalar
+    course: Scalar
     bow: BowMemory | None
-    nearest: Array
-    misses: Array
+    nearest: Scalar
+    misses: Index
 
 
 class Pace(eqx.Module):
     """How fast the point may go here and in the corner ahead [m/s], thrusters asked, and which share of it, `waits`."""
 
-    here: Array
-    after: Array
-    possible: Array
-    waits: Array
+    here: Scalar
+    after: Scalar
+    possible: Scalar
+    waits: Scalar
 
 
 class PathGuidance(Block):
@@ -119,17 +120,17 @@ class PathGuidance(Block):
         bow: Turns it into a current that it does not stem sideways; None where it does not crab.
     """
 
-    acceleration: Array = eqx.field(converter=as_array)
-    sideways: Array = eqx.field(converter=as_array)
-    turn_rate: Array = eqx.field(converter=as_array)
-    lag: Array = eqx.field(converter=as_array)
-    onset: Array = eqx.field(converter=as_array)
-    patience: Array = eqx.field(converter=as_array)
-    depth_tolerance: Array = eqx.field(converter=as_array)
-    rest: Array = eqx.field(converter=as_array)
-    depth_step: Array = eqx.field(converter=as_array)
-    tightest: Array = eqx.field(converter=as_array, default=0.0)
-    heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
+    acceleration: Scalar = eqx.field(converter=as_array)
+    sideways: Scalar = eqx.field(converter=as_array)
+    turn_rate: Scalar = eqx.field(converter=as_array)
+    lag: Scalar = eqx.field(converter=as_array)
+    onset: Scalar = eqx.field(converter=as_array)
+    patience: Scalar = eqx.field(converter=as_array)
+    depth_tolerance: Scalar = eqx.field(converter=as_array)
+    rest: Scalar = eqx.field(converter=as_array)
+    depth_step: Scalar = eqx.field(converter=as_array)
+    tightest: Scalar = eqx.field(converter=as_array, default=0.0)
+    heading_tolerance: Scalar = eqx.field(converter=as_array, default=0.1)
     sustained: AchievableSpeed | None = None
     steered: bool = eqx.field(static=True, default=False)
     turns: bool = eqx.field(static=True, default=True)
@@ -162,7 +163,7 @@ class PathGuidance(Block):
             bow=None if steered else Bow.of(model),
         )
 
-    def init(self, key: Array, start: Start) -> PathMemory:
+    def init(self, key: PRNGKey, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
         heading, at = heading_of(start.attitude), start.position
         still, bow = jnp.zeros(()), None if self.bow is None else self.bow.init(key, start)
@@ -198,7 +199,7 @@ class PathGuidance(Block):
         after = jax.tree.map(lambda new, old: jnp.where(running, new, old), after, moved)
         return dataclasses.replace(after, course=course, bow=moved.bow), setpoint
 
-    def _pace(self, memory: PathMemory, piece: Piece, estimate: Estimate, direction: Array) -> Pace:
+    def _pace(self, memory: PathMemory, piece: Piece, estimate: Estimate, direction: Scalar) -> Pace:
         """What thrusters and a vehicle that is behind leave of the point's speed."""
         away = memory.position - estimate.slow_position
         behind = jnp.sqrt(away[:2] @ away[:2] + 1e-12)
@@ -212,19 +213,19 @@ class PathGuidance(Block):
         self,
         memory: PathMemory,
         piece: Piece,
-        preferred: Array,
-        direction: Array,
-        going: Array,
+        preferred: Scalar,
+        direction: Scalar,
+        going: Flag,
         estimate: Estimate,
         dt: float,
-    ) -> tuple[PathMemory, Array]:
+    ) -> tuple[PathMemory, Scalar]:
         """Memory and heading: the preferred one, or what the current makes of it unless the mission asks for it."""
         if self.bow is None or memory.bow is None:
             return memory, preferred
         bow, heading = self.bow.step(memory.bow, BowInput(preferred, _way(piece, direction, going), estimate), dt)
         return dataclasses.replace(memory, bow=bow), jnp.where(piece.fixed_heading, preferred, heading)
 
-    def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Array) -> Progress:
+    def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Flag) -> Progress:
         """In words that a person understands; what is said last weighs most."""
         state = jnp.where(pace.here < piece.speed, LIMITED, GOING)
         state = jnp.where(pace.waits < 1.0, WAITING, state)
@@ -233,7 +234,7 @@ class PathGuidance(Block):
         current = jnp.zeros(2) if self.sustained is None else self.sustained.current(estimate)
         return Progress(jnp.where(going, state, NO_PROGRESS), memory.misses, pace.possible, current)
 
-    def _along(self, memory: PathMemory, piece: Piece, pace: Pace, going: Array, dt: float) -> PathMemory:
+    def _along(self, memory: PathMemory, piece: Piece, pace: Pace, going: Flag, dt: float) -> PathMemory:
         """The point a tick further."""
         left = jnp.maximum(piece.length - memory.s, 0.0)
         # What can still be braked, the way of lag and onset included: v^2 / 2a + v (lag + onset) = left.
@@ -250,7 +251,9 @@ class PathGuidance(Block):
         s = jnp.where(ends, jnp.minimum(s, piece.length), s)
         return dataclasses.replace(memory, s=s, speed=speed, rate=jnp.where(speed > 0.0, rate, 0.0))
 
-    def _sustained(self, memory: PathMemory, piece: Piece, estimate: Estimate, direction: Array) -> tuple[Array, Array]:
+    def _sustained(
+        self, memory: PathMemory, piece: Piece, estimate: Estimate, direction: Scalar
+    ) -> tuple[Scalar, Scalar]:
         """Largest speed that thrusters keep up here, and in and behind the corner within what it allows."""
         bent = (piece.turn != 0.0) & ~piece.fixed_heading
         corner = jnp.where(bent, self.turn_rate * piece.radius, jnp.inf)
@@ -319,20 +322,20 @@ class PathGuidance(Block):
         )
 
 
-def _way(piece: Piece, direction: Array, going: Array) -> Array:
-    """Velocity over ground that a leg asks for along a direction, n [m/s], shape (2,)."""
+def _way(piece: Piece, direction: Scalar, going: Flag) -> Vector2:
+    """Velocity over ground that a leg asks for along a direction, n [m/s]."""
     speed = jnp.where(going & (piece.length > SHORT), piece.speed, 0.0)
     return speed * jnp.stack([jnp.cos(direction), jnp.sin(direction)])
 
 
-def _missed(memory: PathMemory, piece: Piece, arrived: Array, distance: Array) -> tuple[Array, Array]:
+def _missed(memory: PathMemory, piece: Piece, arrived: Flag, distance: Scalar) -> tuple[Scalar, Index]:
     """How near the way-point the vehicle came, and how often it has gone away from it again by its acceptance."""
     nearest = jnp.where(arrived, jnp.minimum(memory.nearest, distance), memory.nearest)
     passed = arrived & (distance > nearest + piece.acceptance)
     return jnp.where(passed, distance, nearest), memory.misses + jnp.where(passed, 1, 0)
 
 
-def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory:
+def _begin(memory: PathMemory, estimate: Estimate, running: Flag) -> PathMemory:
     """The first running tick starts the first dive from where the vehicle is."""
     begin = running & (memory.phase == IDLE)
     return dataclasses.replace(
@@ -342,7 +345,7 @@ def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory
     )
 
 
-def _setpoint(memory: PathMemory, piece: Piece, mode: Mode, direction: Array, progress: Progress) -> Setpoint:
+def _setpoint(memory: PathMemory, piece: Piece, mode: Mode, direction: Scalar, progress: Progress) -> Setpoint:
     phase = jnp.where(mode.mode == MODE_PAUSED, PAUSED, jnp.where(mode.mode == MODE_IDLE, IDLE, memory.phase))
     # A finished mission stays finished, whatever the operator asks for but an abort.
     phase = jnp.where(memory.phase == FINISHED, FINISHED, phase)

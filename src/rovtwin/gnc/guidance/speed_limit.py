@@ -11,10 +11,12 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import heading_rotation
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Flag, Scalar, Vector2, Vector6
 from rovtwin.gnc.guidance.level_speed import LevelSpeed
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
 from rovtwin.vehicle.physics.dynamics import speed_of_drag
@@ -40,20 +42,20 @@ class AchievableSpeed(eqx.Module):
     """Drag and thrust of surge and sway; rows are ahead and astern, columns the axes.
 
     Attributes:
-        linear: Damping [N s/m], shape (2, 2).
-        quadratic: Damping [N s2/m2], shape (2, 2).
-        push: Acceleration by all of the thrust, to starboard and to port [m/s2], shape (2,); FREE without thrusters.
+        linear: Damping [N s/m].
+        quadratic: Damping [N s2/m2].
+        push: Acceleration by all of the thrust, to starboard and to port [m/s2]; FREE without thrusters.
         mass: That sway accelerates, added mass included [kg].
-        most: Speed through the water that thrust keeps up and that keeps the vehicle level [m/s], shape (2, 2); FREE
-            along an axis without thrusters.
+        most: Speed through the water that thrust keeps up and that keeps the vehicle level [m/s]; FREE along an axis
+            without thrusters.
         level: What keeps it level, both axes together.
     """
 
-    linear: Array = eqx.field(converter=as_array)
-    quadratic: Array = eqx.field(converter=as_array)
-    most: Array = eqx.field(converter=as_array)
-    push: Array = eqx.field(converter=as_array)
-    mass: Array = eqx.field(converter=as_array)
+    linear: Float[Array, "2 2"] = eqx.field(converter=as_array)
+    quadratic: Float[Array, "2 2"] = eqx.field(converter=as_array)
+    most: Float[Array, "2 2"] = eqx.field(converter=as_array)
+    push: Vector2 = eqx.field(converter=as_array)
+    mass: Scalar = eqx.field(converter=as_array)
     level: LevelSpeed
 
     @classmethod
@@ -75,28 +77,28 @@ class AchievableSpeed(eqx.Module):
         push = np.where(some, force / mass, FREE)[:, 1]
         return cls(linear, quadratic, speed, push, mass, level)
 
-    def current(self, estimate: Estimate) -> Array:
-        """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
+    def current(self, estimate: Estimate) -> Vector2:
+        """The current that would disturb the vehicle as much, n [m/s]."""
         to_n = heading_rotation(estimate.heading)
         nu = estimate.slow_velocity(to_n.T)
         drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
         speed = speed_of_drag(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
         return to_n @ (nu - jnp.sign(drag) * speed)
 
-    def through_water(self, estimate: Estimate) -> Array:
-        """Velocity through that current, b [m/s, rad/s], shape (6,); rolled or pitched, some of it is along heave."""
+    def through_water(self, estimate: Estimate) -> Vector6:
+        """Velocity through that current, b [m/s, rad/s]; rolled or pitched, some of it is along heave."""
         R_nb = estimate.R_nb
         level = heading_rotation(estimate.heading).T @ (R_nb @ estimate.nu[:3])[:2]
         current = self.current(dataclasses.replace(estimate, nu=estimate.nu.at[:2].set(level)))
         return estimate.nu.at[:3].add(-R_nb.T @ jnp.append(current, 0.0))
 
-    def along(self, direction: Array, heading: Array, current: Array) -> Array:
+    def along(self, direction: Scalar, heading: Scalar, current: Vector2) -> Scalar:
         """Largest speed over ground that both axes can keep up, level [m/s]: negative where one would be swept back.
 
         Args:
             direction: Of the motion over ground [rad].
             heading: Of the vehicle [rad].
-            current: In n [m/s], shape (2,).
+            current: In n [m/s].
         """
         crab = direction - heading
         part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), heading_rotation(heading).T @ current
@@ -105,53 +107,53 @@ class AchievableSpeed(eqx.Module):
         pushed = jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
         return jnp.minimum(pushed, self.level.along(part, flow))
 
-    def aside(self, heading: Array, side: Array, current: Array) -> Array:
+    def aside(self, heading: Scalar, side: Scalar, current: Vector2) -> Scalar:
         """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
         carried = self._drag(heading_rotation(heading).T @ current)[1] / self.mass
         return jnp.where(side >= 0.0, self.push[0] + carried, self.push[1] - carried)
 
-    def aside_speed(self) -> Array:
+    def aside_speed(self) -> Scalar:
         """Speed through the water that sway thrust keeps up, the slower side [m/s]; 0 without thrusters there."""
         slower = jnp.min(self.most[:, 1])
         return jnp.where(slower < FREE, slower, 0.0)
 
-    def level_heading(self, preferred: Array, way: Array, current: Array, heading: Array) -> Array:
+    def level_heading(self, preferred: Scalar, way: Vector2, current: Vector2, heading: Scalar) -> Scalar:
         """Heading nearest to a preferred one at which it keeps up a way over ground and stays level [rad].
 
         Args:
             preferred: Heading [rad].
-            way: Velocity over ground, n [m/s], shape (2,).
-            current: In n [m/s], shape (2,).
+            way: Velocity over ground, n [m/s].
+            current: In n [m/s].
             heading: That it has [rad].
         """
         return self.level.heading(preferred, way, current, heading, self.aside_speed(), self.most[1, 0])
 
-    def drag_aside(self, speed: float) -> Array:
+    def drag_aside(self, speed: float) -> Scalar:
         """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""
         return jnp.min(self.linear[:, 1] * speed + self.quadratic[:, 1] * speed**2) / self.mass
 
-    def made_good(self, direction: Array, current: Array) -> Array:
+    def made_good(self, direction: Scalar, current: Vector2) -> Scalar:
         """Largest speed over ground by surge alone, with the bow turned as far as a course takes [m/s].
 
         Args:
             direction: Of the course over ground [rad].
-            current: In n [m/s], shape (2,).
+            current: In n [m/s].
         """
         flow, most = heading_rotation(direction).T @ current, self.most[0, 0]
         left = most**2 - flow[1] ** 2
         return jnp.where(left > 0.0, flow[0] + jnp.sqrt(jnp.maximum(left, 1e-12)), -jnp.abs(flow[1]))
 
-    def course(self, v: Array, current: Array) -> tuple[Array, Array]:
+    def course(self, v: Vector2, current: Vector2) -> tuple[Vector2, Flag]:
         """Velocity through the water that makes good a velocity over ground, as far as surge gives it, n.
 
         Where it does not, the course comes before the speed, and not to be swept off it before both.
 
         Args:
-            v: Velocity over ground, n [m/s], shape (2,).
-            current: In n [m/s], shape (2,).
+            v: Velocity over ground, n [m/s].
+            current: In n [m/s].
 
         Returns:
-            Velocity through the water, n [m/s], shape (2,), and whether the current is too much for that course, bool.
+            Velocity through the water, n [m/s], and whether the current is too much for that course.
         """
         w, most = v - current, self.most[0, 0]
         speed, size = jnp.sqrt(v @ v + 1e-12), jnp.sqrt(w @ w + 1e-12)
@@ -165,12 +167,12 @@ class AchievableSpeed(eqx.Module):
         swept = (size > most) & ((made @ along <= 0.0) | (aside > most))
         return jnp.where(size > most, limited, w), swept
 
-    def _drag(self, nu_r: Array) -> Array:
+    def _drag(self, nu_r: Vector2) -> Vector2:
         return self._sided(nu_r, self.linear) * nu_r + self._sided(nu_r, self.quadratic) * nu_r * jnp.abs(nu_r)
 
-    def _sided(self, sign: Array, of: Array) -> Array:
+    def _sided(self, sign: Vector2, of: Float[Array, "2 2"]) -> Vector2:
         return jnp.where(sign >= 0.0, of[0], of[1])
 
 
-def _horizontal(damping: Any) -> np.ndarray:
+def _horizontal(damping: Any) -> Float[np.ndarray, "2"]:
     return np.diagonal(np.asarray(damping))[:2]

@@ -15,7 +15,8 @@ import equinox as eqx
 from rovtwin.core.arrays.filters import alpha_beta
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Measurements, Mission
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.types import Index, PRNGKey, Scalar, Vector3
 
 NEVER = 1e6  # since the last echo, where there was none [s]
 AGREE, ENOUGH = 1.0, 5  # echoes that differ by less than so much [m], and so many of them, begin to be accepted
@@ -38,25 +39,25 @@ class TerrainMemory(eqx.Module):
         floor: Its depth below the vehicle [m].
         rate: Of that [m/s].
         silence: Since the last echo [s].
-        readings: Echoes that agreed so far, up to ENOUGH, int.
+        readings: Echoes that agreed so far, up to ENOUGH.
         reading: The last range [m].
         depth: Of the vehicle when the range was first that [m].
     """
 
-    floor: Array
-    rate: Array
-    silence: Array
-    readings: Array
-    reading: Array
-    depth: Array
+    floor: Scalar
+    rate: Scalar
+    silence: Scalar
+    readings: Index
+    reading: Scalar
+    depth: Scalar
 
 
 class TerrainFollowing(Block):
     """Gives the mission with depths in place of altitudes.
 
     Attributes:
-        lever: Of the altimeter, seen from CO, b [m], shape (3,).
-        beam: Its direction in b, shape (3,).
+        lever: Of the altimeter, seen from CO, b [m].
+        beam: Its direction in b.
         shallowest: Depth of CO afloat, or as far up as the vehicle is to come [m].
         band: How far below a way-point's own depth it may go [m].
         time_constant: Of the floor's filter [s].
@@ -66,17 +67,17 @@ class TerrainFollowing(Block):
         name: Of the altimeter that is read.
     """
 
-    lever: Array = eqx.field(converter=as_array)
-    beam: Array = eqx.field(converter=as_array)
-    shallowest: Array = eqx.field(converter=as_array, default=0.2)
-    band: Array = eqx.field(converter=as_array, default=5.0)
-    time_constant: Array = eqx.field(converter=as_array, default=0.5)
-    jump: Array = eqx.field(converter=as_array, default=0.15)
-    lead: Array = eqx.field(converter=as_array, default=2.0)
-    patience: Array = eqx.field(converter=as_array, default=5.0)
+    lever: Vector3 = eqx.field(converter=as_array)
+    beam: Vector3 = eqx.field(converter=as_array)
+    shallowest: Scalar = eqx.field(converter=as_array, default=0.2)
+    band: Scalar = eqx.field(converter=as_array, default=5.0)
+    time_constant: Scalar = eqx.field(converter=as_array, default=0.5)
+    jump: Scalar = eqx.field(converter=as_array, default=0.15)
+    lead: Scalar = eqx.field(converter=as_array, default=2.0)
+    patience: Scalar = eqx.field(converter=as_array, default=5.0)
     name: str = eqx.field(static=True, default="altimeter")
 
-    def init(self, key: Array, start: Start) -> TerrainMemory:
+    def init(self, key: PRNGKey, start: Start) -> TerrainMemory:
         zero = jnp.zeros(())
         return TerrainMemory(zero, zero, zero + NEVER, jnp.zeros((), dtype=int), zero, start.position[2])
 
@@ -109,7 +110,7 @@ class TerrainFollowing(Block):
             now = jax.tree.map(lambda new, old, there=there: jnp.where(there, new, old), updated, now)
         return now
 
-    def _with(self, now: TerrainMemory, seen: Array, length: Array, depth: Array, dt: float) -> TerrainMemory:
+    def _with(self, now: TerrainMemory, seen: Scalar, length: Scalar, depth: Scalar, dt: float) -> TerrainMemory:
         """With one more echo, which sees the floor at a depth [m]."""
         away = seen - now.floor
         anew = (now.silence > self.patience) | ((now.readings < ENOUGH) & (jnp.abs(away) > AGREE))

@@ -19,6 +19,7 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import as_array
@@ -35,7 +36,7 @@ MAX_STEPS = 20_000
 class Reading:
     """A scalar measurement `row @ x` with noise `sigma`, `rate` times a second."""
 
-    row: np.ndarray
+    row: Float[np.ndarray, " n"]
     sigma: float
     rate: float
 
@@ -54,8 +55,8 @@ def position_bound(
     accelerometer_bias_walk: float = 1e-5,
     velocity_noise: float = 0.0,
     when: When = "mean",
-) -> np.ndarray:
-    """Steady-state standard deviation of the position along surge and sway [m], shape (2,).
+) -> Float[np.ndarray, "2"]:
+    """Steady-state standard deviation of the position along surge and sway [m].
 
     Of the optimal filter for the linearised model: of a nonlinear filter in the same conditions, with the mission's
     varying speed and the heading's error, the error is a little more.
@@ -120,18 +121,20 @@ def inertial_bound(
     return periodic_sigma(F, noise, readings, when)
 
 
-def damping_slopes(model: Model, speed: float) -> np.ndarray:
-    """d(damping force)/d(velocity) along surge at `speed` and along sway at zero [N s/m], shape (2,)."""
+def damping_slopes(model: Model, speed: float) -> Float[np.ndarray, "2"]:
+    """d(damping force)/d(velocity) along surge at `speed` and along sway at zero [N s/m]."""
     nu = as_array(np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0]))
     return np.diagonal(np.asarray(damping_jacobian(model, nu)))[:2]
 
 
-def periodic_sigma(F: np.ndarray, noise: np.ndarray, readings: Sequence[Reading], when: When = "mean") -> float:
+def periodic_sigma(
+    F: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"], readings: Sequence[Reading], when: When = "mean"
+) -> float:
     """Steady-state sigma of the first state of x_dot = F x + w, E ww' = noise, under periodic readings.
 
     Args:
-        F: Shape (n, n).
-        noise: Intensity of w, shape (n, n).
+        F: Of the states.
+        noise: Intensity of w.
         readings: At least one; the first is the one that `before` and `after` refer to.
         when: See `position_bound`.
     """
@@ -159,7 +162,9 @@ def periodic_sigma(F: np.ndarray, noise: np.ndarray, readings: Sequence[Reading]
     return math.sqrt(np.mean({"mean": variance, "before": before, "after": after}[when]))
 
 
-def discretise(F: np.ndarray, noise: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def discretise(
+    F: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"], step: float
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
     """Phi and Q of x_dot = F x + w over `step` seconds, exactly. Van Loan (1978)."""
     from scipy.linalg import expm  # here, not above: 0.15 s that only the end of a flight needs
 
@@ -173,11 +178,11 @@ def discretise(F: np.ndarray, noise: np.ndarray, step: float) -> tuple[np.ndarra
 class _Map:
     """P -> G + A P (I + H P)^-1 A'."""
 
-    A: np.ndarray
-    G: np.ndarray
-    H: np.ndarray
+    A: Float[np.ndarray, "n n"]
+    G: Float[np.ndarray, "n n"]
+    H: Float[np.ndarray, "n n"]
 
-    def __call__(self, P: np.ndarray) -> np.ndarray:
+    def __call__(self, P: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
         middle = np.linalg.solve((np.eye(len(P)) + self.H @ P).T, P.T).T
         after = self.G + self.A @ middle @ self.A.T
         return 0.5 * (after + after.T)
@@ -189,7 +194,7 @@ class _Map:
         return _Map(left @ self.A, other.G + left @ self.G @ other.A.T, self.H + right @ other.H @ self.A)
 
 
-def _limit(period: _Map) -> np.ndarray:
+def _limit(period: _Map) -> Float[np.ndarray, "n n"]:
     """Fixed point of the map: where P = 0 ends after 2^k periods."""
     for _ in range(64):
         twice = period.then(period)

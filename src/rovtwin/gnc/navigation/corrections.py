@@ -1,10 +1,12 @@
 """From innovations to a corrected state, and what is done about readings that are rejected."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Scalar
 from rovtwin.gnc.navigation.measurements import Innovation
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
@@ -39,8 +41,10 @@ def finite(slots: Measurements) -> Measurements:
     }
 
 
-def covariance_inflation(kind: str, residual: Array, x: NavigationState, model: Model) -> Array:
-    """Covariance given back to what a sensor tells of when the filter must be wrong about it, shape (31, 31).
+def covariance_inflation(
+    kind: str, residual: Float[Array, " n"], x: NavigationState, model: Model
+) -> Float[Array, "31 31"]:
+    """Covariance given back to what a sensor tells of when the filter must be wrong about it.
 
     A disagreement with the accelerometer that lasts is a force: a tether that is caught, a thruster that is gone. One
     that no thruster or tether could make is a broken sensor, and stays rejected.
@@ -57,8 +61,8 @@ def covariance_inflation(kind: str, residual: Array, x: NavigationState, model: 
     return (square[0] - mistaken**2) * np.outer(DOWN, DOWN) + mistaken**2 * np.outer(SWAPPED, SWAPPED)
 
 
-def taken_for_wave(x: NavigationState, residual: Array) -> Array:
-    """How much of the waves' displacement may be slow motion instead [m], shape ().
+def taken_for_wave(x: NavigationState, residual: Scalar) -> Scalar:
+    """How much of the waves' displacement may be slow motion instead [m].
 
     What it has in common with the residual of the slow depth that a pressure sensor tells, which is blind to waves:
     none where they point in opposite ways.
@@ -68,8 +72,14 @@ def taken_for_wave(x: NavigationState, residual: Array) -> Array:
 
 
 def inflated_for_waves(
-    found: Innovation, P: Array, depth_bias: Array, x: NavigationState, sea: SeaState, model: Model, gate: Array
-) -> tuple[Array, Array]:
+    found: Innovation,
+    P: Float[Array, "31 31"],
+    depth_bias: Scalar,
+    x: NavigationState,
+    sea: SeaState,
+    model: Model,
+    gate: Scalar,
+) -> tuple[Float[Array, "31 31"], Scalar]:
     """P, opened where the depths measured lie to one side for long, and how far they lie there.
 
     A force that comes at once (a thruster that is gone) is first taken for a wave, for it walks slowly and waves do
@@ -79,7 +89,7 @@ def inflated_for_waves(
 
     Args:
         found: Innovation of the pressure.
-        P: Covariance, shape (31, 31).
+        P: Covariance.
         depth_bias: Mean of the normalised innovations, over the last ones.
         x: State.
         sea: What is assumed of the waves.
@@ -102,13 +112,17 @@ def inflated_for_waves(
     return P + jnp.where(wrong, 1.0, 0.0) * opened, jnp.where(wrong, 0.0, depth_bias)
 
 
-def corrected(x: NavigationState, P: Array, found: Innovation) -> tuple[NavigationState, Array, tuple[Array, Array]]:
+def corrected(
+    x: NavigationState, P: Float[Array, "31 31"], found: Innovation
+) -> tuple[NavigationState, Float[Array, "31 31"], tuple[Scalar, Scalar]]:
     """State and covariance after scalar measurements one by one; sum of squared normalised innovations, their number.
 
     Joseph form multiplied out: P stays symmetric and positive for any gain. Bar-Shalom, Li and Kirubarajan (2001).
     """
 
-    def one(carry: tuple[Array, Array], scalar: Innovation) -> tuple[tuple[Array, Array], Array]:
+    def one(
+        carry: tuple[Float[Array, "31"], Float[Array, "31 31"]], scalar: Innovation
+    ) -> tuple[tuple[Float[Array, "31"], Float[Array, "31 31"]], Scalar]:
         error, P = carry
         column = jnp.sum(P * scalar.slope, axis=1)
         innovation = scalar.residual - scalar.slope @ error

@@ -1,9 +1,12 @@
 """The filter's state as others use it: pose, velocity, disturbance, covariance, motion of the waves."""
 
+from jaxtyping import Float
+
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Matrix3, Scalar, Vector3
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     CURRENT,
@@ -26,9 +29,9 @@ def estimate_of(
     model: Model,
     tuning: Tuning,
     x: NavigationState,
-    P: Array,
-    omega: Array,
-    received: dict[str, tuple[Array, Array]],
+    P: Float[Array, "31 31"],
+    omega: Vector3,
+    received: dict[str, tuple[Scalar, Scalar]],
     names: list[str],
 ) -> Estimate:
     """What an observer gives.
@@ -37,8 +40,8 @@ def estimate_of(
         model: The vehicle, in still water without disturbance.
         tuning: Of the filter.
         x: Nominal state.
-        P: Covariance of its error, shape (31, 31).
-        omega: Angular velocity, b [rad/s], shape (3,).
+        P: Covariance of its error.
+        omega: Angular velocity, b [rad/s].
         received: Squared normalised innovations and their number, by sensor.
         names: Of all sensors, sorted.
     """
@@ -59,8 +62,8 @@ def estimate_of(
     )
 
 
-def _disturbance_std(model: Model, x: NavigationState, P: Array, omega: Array) -> Array:
-    """Of the horizontal disturbance force, both directions together [N], shape ().
+def _disturbance_std(model: Model, x: NavigationState, P: Float[Array, "31 31"], omega: Vector3) -> Scalar:
+    """Of the horizontal disturbance force, both directions together [N].
 
     Force in n, force in b, and the current by the slope of the drag; what they have in common is left out.
     """
@@ -69,8 +72,8 @@ def _disturbance_std(model: Model, x: NavigationState, P: Array, omega: Array) -
     return jnp.sqrt(jnp.sum(level) + jnp.sum(slope**2) * 0.5 * jnp.trace(P[CURRENT, CURRENT]))
 
 
-def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
-    """Force that acts besides what the model has in still water, without that of the waves, b [N], shape (3,)."""
+def disturbance(model: Model, x: NavigationState, omega: Vector3) -> Vector3:
+    """Force that acts besides what the model has in still water, without that of the waves, b [N]."""
     R_bn = rotation_from_quaternion(x.attitude).T
     current = R_bn[:, 0] * x.current[0] + R_bn[:, 1] * x.current[1]
     nu, mass = jnp.concatenate([x.velocity, omega]), model.inertia[:3]
@@ -81,10 +84,10 @@ def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
     return R_bn @ x.force_n + jnp.append(x.force_b, 0.0) + still - flowing - carried
 
 
-def _covariance(P: Array, R_nb: Array, gyro_variance: Array) -> Array:
-    """Of position, attitude and nu, slow motion and waves together, shape (12, 12)."""
+def _covariance(P: Float[Array, "31 31"], R_nb: Matrix3, gyro_variance: Vector3) -> Float[Array, "12 12"]:
+    """Of position, attitude and nu, slow motion and waves together."""
 
-    def seen(rows: Array) -> Array:
+    def seen(rows: Float[Array, "31 k"]) -> Float[Array, "12 k"]:
         """Errors of the estimate of those of the state, leading axis 31 -> 12."""
         return jnp.concatenate(
             [

@@ -9,6 +9,7 @@ itself, so that a controller can leave the waves alone.
 from typing import NamedTuple
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.block import Block, Start
@@ -16,6 +17,7 @@ from rovtwin.core.flow import Command, Estimate, Measurements, Slot
 from rovtwin.core.frames import rotation_from_quaternion, skew
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import kind_of
+from rovtwin.core.types import Index, PerThruster, PRNGKey, Scalar, Vector3, Vector6
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation import prediction as motion
@@ -46,47 +48,47 @@ class NavigationMemory(eqx.Module):
 
     Attributes:
         x: Nominal state.
-        P: Covariance of its error, shape (31, 31).
-        thrust: Force of each thruster as the model predicts it [N], shape (n,).
-        omega: Angular velocity at the end of the last tick, b [rad/s], shape (3,).
-        ticks: So far, int; time is `ticks * dt`.
+        P: Covariance of its error.
+        thrust: Force of each thruster as the model predicts it [N].
+        omega: Angular velocity at the end of the last tick, b [rad/s].
+        ticks: So far; time is `ticks * dt`.
         trail: Where dead reckoning went.
         sea: What is assumed of the waves.
         rejected: Positions that were not accepted, by sensor.
-        doubted: Ticks in a row in which a sensor's readings were not, by sensor, int; accelerometers count as one.
+        doubted: Ticks in a row in which a sensor's readings were not, by sensor; accelerometers count as one.
         depth_bias: Mean of the normalised innovations of pressure, by sensor; see `inflated_for_waves`.
     """
 
     x: NavigationState
-    P: Array
-    thrust: Array
-    omega: Array
-    ticks: Array
+    P: Float[Array, "31 31"]
+    thrust: PerThruster
+    omega: Vector3
+    ticks: Index
     trail: Trail
     sea: SeaState
     rejected: dict[str, Rejected]
-    doubted: dict[str, Array]
-    depth_bias: dict[str, Array]
+    doubted: dict[str, Index]
+    depth_bias: dict[str, Scalar]
 
 
 class Forecast(NamedTuple):
-    """Accelerations of slow motion, b, and waves, n; densities of their noise in b, 1 / that of all; shapes (3,)."""
+    """Accelerations of slow motion, b, and waves, n; densities of their noise in b, 1 / that of all."""
 
     v_dot: Acceleration
     wave_dot: Acceleration
-    slow: Array
-    quick: Array
-    total: Array
+    slow: Vector3
+    quick: Vector3
+    total: Vector3
 
 
 class Transition(NamedTuple):
     """Of the error through a tick: state and covariance before and after the motion, and B with Phi = (I + B)^2."""
 
     x: NavigationState
-    P: Array
+    P: Float[Array, "31 31"]
     x_after: NavigationState
-    P_after: Array
-    B: Array
+    P_after: Float[Array, "31 31"]
+    B: Float[Array, "15 31"]
 
 
 class NavigationFilter(Block):
@@ -100,7 +102,7 @@ class NavigationFilter(Block):
     model: Model
     tuning: Tuning
 
-    def init(self, key: Array, start: Start) -> NavigationMemory:
+    def init(self, key: PRNGKey, start: Start) -> NavigationMemory:
         """At the start, unaware of velocity and disturbance; `key` is not used."""
         return NavigationMemory(
             x=NavigationState.at(start),
@@ -132,7 +134,7 @@ class NavigationFilter(Block):
         slots, now = finite(input.measurements), memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
         turning, omega, turn_variance = self._turning(memory, slots, dt)
-        received: dict[str, tuple[Array, Array]] = {}
+        received: dict[str, tuple[Scalar, Scalar]] = {}
 
         doubted, rejected, depth_bias = dict(memory.doubted), dict(memory.rejected), dict(memory.depth_bias)
         x, P, forecast, sea, received["accelerometer"], doubted["accelerometer"] = self._accelerate(
@@ -165,13 +167,13 @@ class NavigationFilter(Block):
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, depth_bias)
         return after, estimate_of(self.model, self.tuning, x, P, omega, received, sorted(slots)), transition
 
-    def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:
-        """Wrench of the thrusters in the middle of the tick, shape (6,), and their forces at its end, shape (n,)."""
+    def _thrust(self, before: PerThruster, command: Command, dt: float) -> tuple[Vector6, PerThruster]:
+        """Wrench of the thrusters in the middle of the tick, and their forces at its end."""
         thrusters = self.model.thrusters
         _, halfway, after = half_steps(thrusters, before, static_force(thrusters, command.u), dt)
         return thrusters.configuration @ halfway, after
 
-    def _turning(self, memory: NavigationMemory, slots: Measurements, dt: float) -> tuple[Turning, Array, Array]:
+    def _turning(self, memory: NavigationMemory, slots: Measurements, dt: float) -> tuple[Turning, Vector3, Vector3]:
         """Over the tick, omega at its end, and the noise that leaves in the attitude [rad^2/s].
 
         The mean of readings that end with the tick is half a reading late; the last tick's end mends that.
@@ -191,8 +193,8 @@ class NavigationFilter(Block):
         return jax.tree.map(lambda a, b: jnp.where(together.received, a, b), measured, silent)
 
     def _accelerate(
-        self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
-    ) -> tuple[NavigationState, Array, Forecast, SeaState, tuple[Array, Array], Array]:
+        self, memory: NavigationMemory, slots: Measurements, tau: Vector6, turning: Turning, dt: float
+    ) -> tuple[NavigationState, Float[Array, "31 31"], Forecast, SeaState, tuple[Scalar, Scalar], Index]:
         """State after model and accelerometer were compared, the forecast of both, the sea, the test, doubts."""
         x, P, tuning = memory.x, memory.P, self.tuning
         waves = self._waves(memory.sea, x)
@@ -243,8 +245,8 @@ class NavigationFilter(Block):
         return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
 
     def _gated(
-        self, name: str, found: Innovation, P: Array, doubts: Array, x: NavigationState
-    ) -> tuple[Innovation, Array, Array]:
+        self, name: str, found: Innovation, P: Float[Array, "31 31"], doubts: Index, x: NavigationState
+    ) -> tuple[Innovation, Float[Array, "31 31"], Index]:
         """What is used of an innovation: nothing beyond the gate, unless so many ticks in a row that P is opened."""
         H, tuning, kind = found.slope, self.tuning, kind_of(name)
         S = product(product(H, P), H.T) + jnp.diag(found.variance)
@@ -257,8 +259,8 @@ class NavigationFilter(Block):
         used = eqx.tree_at(lambda i: i.used, found, found.used & (~far | lost))
         return used, P, jnp.where(lost, 0, doubts)
 
-    def _noise(self, x: NavigationState, forecast: Forecast, turn_variance: Array) -> Array:
-        """Intensity of the white noise on the error, shape (31, 31); what is left of it is common to v and waves."""
+    def _noise(self, x: NavigationState, forecast: Forecast, turn_variance: Vector3) -> Float[Array, "31 31"]:
+        """Intensity of the white noise on the error; what is left of it is common to v and waves."""
         R_nb, slow, quick, total = rotation_from_quaternion(x.attitude), forecast.slow, forecast.quick, forecast.total
         of_v = jnp.diag(slow - slow * slow * total)
         both = -R_nb * (slow * quick * total)
@@ -274,7 +276,7 @@ class NavigationFilter(Block):
         return jnp.concatenate(rows) + jnp.diag(self.tuning.walk**2)
 
     def _innovation(
-        self, name: str, x: NavigationState, slot: Slot, omega: Array, v_dot: Array, sea: SeaState, now: Array
+        self, name: str, x: NavigationState, slot: Slot, omega: Vector3, v_dot: Vector3, sea: SeaState, now: Scalar
     ) -> Innovation:
         mount, max_age, kind = self.tuning.mounts[name], self.tuning.max_age, kind_of(name)
         if kind == "attitude":

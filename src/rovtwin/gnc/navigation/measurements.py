@@ -4,6 +4,7 @@ Readings of a tick are averaged; each is compared with the state when it was tak
 """
 
 import equinox as eqx
+from jaxtyping import Bool, Float
 
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.flow import Slot
@@ -18,6 +19,7 @@ from rovtwin.core.frames import (
     skew,
 )
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Flag, Index, Scalar, ScalarLike, Vector2, Vector3
 from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation.prediction import Acceleration, side_by_side
 from rovtwin.gnc.navigation.state import (
@@ -32,50 +34,50 @@ from rovtwin.gnc.navigation.state import (
 
 
 class Innovation(eqx.Module):
-    """Scalar measurements of the error, residual = slope @ error + noise; fields of shape (n, ...).
+    """Scalar measurements of the error, residual = slope @ error + noise.
 
     Attributes:
-        residual: Shape (n,).
-        slope: Shape (n, 31).
-        variance: Of the noise, shape (n,).
-        used: Whether they are there and accepted, shape (n,), bool.
+        residual: Measured less expected.
+        slope: Its derivative by the error of the state.
+        variance: Of the noise.
+        used: Whether they are there and accepted.
     """
 
-    residual: Array
-    slope: Array
-    variance: Array
-    used: Array
+    residual: Float[Array, " n"]
+    slope: Float[Array, "n 31"]
+    variance: Float[Array, " n"]
+    used: Bool[Array, " n"]
 
 
 class Mean(eqx.Module):
-    """Average of a slot's readings, shape (n,), their number, and how long ago they were taken on average [s]."""
+    """Average of a slot's readings, their number, and how long ago they were taken on average [s]."""
 
-    value: Array
-    count: Array
-    age: Array
+    value: Float[Array, " n"]
+    count: Index
+    age: Scalar
 
 
 class Joined(eqx.Module):
     """What several sensors of three axes say together, along those of b.
 
     Attributes:
-        value: Weighted mean of their readings, shape (3,). That of specific forces is the one at the mean place.
-        lever: That place, seen from CO, b [m], shape (3,).
-        variance: Of the noise, shape (3,).
-        received: Whether there was a reading, bool.
+        value: Weighted mean of their readings. That of specific forces is the one at the mean place.
+        lever: That place, seen from CO, b [m].
+        variance: Of the noise.
+        received: Whether there was a reading.
     """
 
-    value: Array
-    lever: Array
-    variance: Array
-    received: Array
+    value: Vector3
+    lever: Vector3
+    variance: Vector3
+    received: Flag
 
 
-def joined(values: list[Array], counts: list[Array], mounts: list[Mount]) -> Joined:
+def joined(values: list[Vector3], counts: list[Index], mounts: list[Mount]) -> Joined:
     """Means of the readings of sensors, each weighted by how many they are and how good.
 
     Args:
-        values: Mean of each sensor's readings in its own axes, shape (3,).
+        values: Mean of each sensor's readings in its own axes.
         counts: How many they are.
         mounts: Of the sensors.
     """
@@ -92,13 +94,13 @@ def joined(values: list[Array], counts: list[Array], mounts: list[Mount]) -> Joi
     return Joined(share @ jnp.stack(turned), share @ levers, share**2 @ jnp.stack(variances), received)
 
 
-def age_of(t_valid: Array, now: Array, max_age: Array | float) -> Array:
+def age_of(t_valid: Float[Array, "*rows"], now: Scalar, max_age: ScalarLike) -> Float[Array, "*rows"]:
     """How long ago readings were taken [s]; one with a stamp ahead of the clock, or too old, counts as new."""
     age = now - t_valid
     return jnp.where((age > 0.0) & (age <= max_age), age, 0.0)
 
 
-def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
+def averaged(slot: Slot, now: Scalar, max_age: ScalarLike) -> Mean:
     """Of what a slot holds; zero where it holds nothing."""
     count = jnp.sum(slot.valid)
     share = slot.valid / jnp.maximum(count, 1)
@@ -106,7 +108,7 @@ def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
 
 
 def attitude(
-    x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: Array | float
+    x: NavigationState, slot: Slot, mount: Mount, omega: Vector3, now: Scalar, max_age: ScalarLike
 ) -> Innovation:
     """zyx Euler angles of the sensor's axes, as a small rotation from where the vehicle is assumed to have been."""
     q_sb = quaternion_conjugate(quaternion_from_rotation(mount.rotation))
@@ -122,7 +124,7 @@ def attitude(
 
 
 def pressure(
-    x: NavigationState, slot: Slot, mount: Mount, v_n: Array, slip: Array, now: Array, max_age: Array | float
+    x: NavigationState, slot: Slot, mount: Mount, v_n: Vector3, slip: Scalar, now: Scalar, max_age: ScalarLike
 ) -> Innovation:
     """Depth of the sensor, without the motion of the waves: particles of the water move along surfaces of one pressure,
     and a vehicle of neutral buoyancy moves with them, but for a slip of some variance [m2].
@@ -136,14 +138,14 @@ def pressure(
     return Innovation(residual, slope, jnp.broadcast_to(mount.std**2 / n + slip, 1), jnp.full(1, mean.count > 0))
 
 
-def position(x: NavigationState, value: Array, age: Array, travelled: Array, mount: Mount) -> Innovation:
+def position(x: NavigationState, value: Vector2, age: Scalar, travelled: Vector2, mount: Mount) -> Innovation:
     """One reading of north and east, perhaps seconds old.
 
     Args:
         x: State now.
-        value: Reading [m], shape (2,).
+        value: Reading [m].
         age: Of it [s].
-        travelled: North and east since then, by dead reckoning [m], shape (2,).
+        travelled: North and east since then, by dead reckoning [m].
         mount: Of the sensor.
     """
     R_nb = rotation_from_quaternion(x.attitude)
@@ -172,11 +174,11 @@ def dvl(
     x: NavigationState,
     slot: Slot,
     mount: Mount,
-    omega: Array,
-    rate_variance: Array,
-    v_dot: Array,
-    now: Array,
-    max_age: Array | float,
+    omega: Vector3,
+    rate_variance: Vector3,
+    v_dot: Vector3,
+    now: Scalar,
+    max_age: ScalarLike,
 ) -> Innovation:
     """Velocity over ground in the sensor's axes; what the gyro errs by moves the sensor about CO."""
     mean = averaged(slot, now, max_age)
@@ -190,14 +192,14 @@ def dvl(
     return Innovation(residual, slope, variance, jnp.full(3, mean.count > 0))
 
 
-def disagreement(difference: Acceleration, density: Array, variance: Array, used: Array, dt: float) -> Innovation:
+def disagreement(difference: Acceleration, density: Vector3, variance: Vector3, used: Flag, dt: float) -> Innovation:
     """Of accelerometer and prediction: what should be zero, read with the noise of all. See `prediction`.
 
     Args:
         difference: Accelerometer's less predicted acceleration, b.
-        density: Of the white noise that is not in the prediction, shape (3,) [m2/s3].
+        density: Of the white noise that is not in the prediction [m2/s3].
         variance: Of the reading [m2/s4].
-        used: Whether there is one, bool.
+        used: Whether there is one.
         dt: Tick [s].
     """
     return Innovation(difference.value, -difference.slope, density / dt + variance, jnp.full(3, used))

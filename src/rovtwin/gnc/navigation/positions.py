@@ -7,10 +7,12 @@ few of them the filter's own position is opened again, so that it cannot lock it
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index, Scalar, Vector2, Vector3
 from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation.measurements import Innovation
@@ -25,22 +27,22 @@ PLACE, VELOCITY = (np.isin(np.arange(ERRORS), pair) for pair in ((0, 1), (3, 4))
 
 
 class Trail(eqx.Module):
-    """North and east by dead reckoning, without the jumps of corrections: a ring of ticks [m], shape (128, 2)."""
+    """North and east by dead reckoning, without the jumps of corrections: a ring of ticks [m]."""
 
-    ring: Array
+    ring: Float[Array, "128 2"]
 
     @classmethod
-    def at(cls, position: Array) -> "Trail":
+    def at(cls, position: Vector3) -> "Trail":
         return cls(jnp.zeros((TRAIL, 2)) + position[HORIZONTAL])
 
-    def after(self, moved: Array, tick: Array) -> "Trail":
-        """With the way of one more tick, n [m], shape (3,)."""
+    def after(self, moved: Vector3, tick: Index) -> "Trail":
+        """With the way of one more tick, n [m]."""
         last = jax.lax.dynamic_index_in_dim(self.ring, (tick - 1) % TRAIL, keepdims=False)
         now = last + moved[HORIZONTAL]
         return Trail(jax.lax.dynamic_update_index_in_dim(self.ring, now, tick % TRAIL, 0))
 
-    def since(self, age: Array, tick: Array, dt: float) -> Array:
-        """Way since `age` seconds ago [m], shape (2,)."""
+    def since(self, age: Scalar, tick: Index, dt: float) -> Vector2:
+        """Way since `age` seconds ago [m]."""
         back = jnp.clip(age / dt, 0.0, TRAIL - 2.0)
         whole = jnp.floor(back).astype(jnp.int32)
         share = back - whole
@@ -55,14 +57,14 @@ class Rejected(eqx.Module):
     """Readings beyond the gate, in a row.
 
     Attributes:
-        count: Of those that agree with each other, int.
-        total: Of all, int.
-        residual: The last [m], shape (2,).
+        count: Of those that agree with each other.
+        total: Of all.
+        residual: The last [m].
     """
 
-    count: Array
-    total: Array
-    residual: Array
+    count: Index
+    total: Index
+    residual: Vector2
 
     @classmethod
     def none(cls) -> "Rejected":
@@ -72,28 +74,28 @@ class Rejected(eqx.Module):
 
 def positions(
     x: NavigationState,
-    P: Array,
+    P: Float[Array, "31 31"],
     slot: Slot,
     trail: Trail,
     rejected: Rejected,
     tuning: Tuning,
     mount: Mount,
-    now: Array,
-    tick: Array,
+    now: Scalar,
+    tick: Index,
     dt: float,
-) -> tuple[Innovation, Rejected, Array]:
+) -> tuple[Innovation, Rejected, Float[Array, "31 31"]]:
     """Innovations of all readings of a tick, what was rejected, and P, opened where the filter must be wrong.
 
     Args:
         x: State.
-        P: Its covariance, shape (31, 31).
+        P: Its covariance.
         slot: Readings of north and east.
         trail: Up to this tick.
         rejected: Before this tick.
         tuning: Gate, patience.
         mount: Of the sensor.
         now: Time [s].
-        tick: Its number, int.
+        tick: Its number.
         dt: Its length [s].
     """
     found = []

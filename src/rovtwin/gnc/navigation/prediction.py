@@ -19,6 +19,7 @@ models), ch. 13 (wave filtering); Bar-Shalom, Li and Kirubarajan (2001), sec. 8.
 """
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import (
@@ -28,6 +29,7 @@ from rovtwin.core.frames import (
     skew,
 )
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Matrix3, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -51,26 +53,26 @@ from rovtwin.vehicle.physics.model import Model
 
 
 class Turning(eqx.Module):
-    """What the gyro says over a tick: angular velocity [rad/s] and acceleration [rad/s2], b, shapes (3,)."""
+    """What the gyro says over a tick: angular velocity [rad/s] and acceleration [rad/s2], b."""
 
-    omega: Array
-    omega_dot: Array
+    omega: Vector3
+    omega_dot: Vector3
 
 
 class Acceleration(eqx.Module):
-    """An acceleration [m/s2], shape (3,), and its derivative by the error of the state, shape (3, 31)."""
+    """An acceleration [m/s2], and its derivative by the error of the state."""
 
-    value: Array
-    slope: Array
+    value: Vector3
+    slope: Float[Array, "3 31"]
 
 
-def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> Acceleration:
+def by_model(model: Model, x: NavigationState, tau: Vector6, turning: Turning) -> Acceleration:
     """v_dot from the force balance, rows 1 to 3 of the equations of motion.
 
     Args:
         model: The vehicle.
         x: Nominal state.
-        tau: Wrench of the thrusters, b at CO [N, N m], shape (6,).
+        tau: Wrench of the thrusters, b at CO [N, N m].
         turning: Of the vehicle; taken as known.
     """
     R_nb = rotation_from_quaternion(x.attitude)
@@ -105,32 +107,32 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     return Acceleration(value, slope)
 
 
-def learned_force(model: Model, nu_r: Array, tau: Array) -> tuple[Array | float, Array | float]:
-    """Force that the model was found to lack [N], shape (3,), and its derivative by v_r, shape (3, 3).
+def learned_force(model: Model, nu_r: Vector6, tau: Vector6) -> tuple[Vector3 | float, Matrix3 | float]:
+    """Force that the model was found to lack [N], and its derivative by v_r.
 
     Args:
         model: Without a learned discrepancy both are 0.0.
-        nu_r: Velocity through the water, b at CO, shape (6,).
-        tau: Wrench of the thrusters, b at CO, shape (6,).
+        nu_r: Velocity through the water, b at CO.
+        tau: Wrench of the thrusters, b at CO.
     """
     if model.discrepancy is None:
         return 0.0, 0.0
 
-    def force(v_r: Array) -> Array:
+    def force(v_r: Vector3) -> Vector3:
         return jnp.asarray(learned_wrench(model, jnp.concatenate([v_r, nu_r[3:]]), tau))[:3]
 
     value, along = jax.linearize(force, nu_r[:3])
     return value, jnp.stack([along(direction) for direction in jnp.eye(3)], axis=1)
 
 
-def learned_doubt(model: Model, x: NavigationState, tau: Array, omega: Array) -> Array | float:
-    """Variance of the acceleration that the learned discrepancy leaves open [m^2/s^4], shape (3,); 0.0 without one.
+def learned_doubt(model: Model, x: NavigationState, tau: Vector6, omega: Vector3) -> Vector3 | float:
+    """Variance of the acceleration that the learned discrepancy leaves open [m^2/s^4]; 0.0 without one.
 
     Args:
         model: Uses `discrepancy` and the inertia.
         x: Nominal state.
-        tau: Wrench of the thrusters, b at CO, shape (6,).
-        omega: Angular velocity, b [rad/s], shape (3,).
+        tau: Wrench of the thrusters, b at CO.
+        omega: Angular velocity, b [rad/s].
     """
     if model.discrepancy is None:
         return 0.0
@@ -141,14 +143,14 @@ def learned_doubt(model: Model, x: NavigationState, tau: Array, omega: Array) ->
 
 
 def by_accelerometer(
-    x: NavigationState, reading: Array, lever: Array, turning: Turning, later: Array | float = 0.0
+    x: NavigationState, reading: Vector3, lever: Vector3, turning: Turning, later: ScalarLike = 0.0
 ) -> Acceleration:
     """v_dot + R_bn v_w_dot from the specific force [m/s2] of an accelerometer.
 
     Args:
         x: Nominal state at the start of the tick.
-        reading: Turned to b, shape (3,).
-        lever: Where it sits, seen from CO, b [m], shape (3,).
+        reading: Turned to b.
+        lever: Where it sits, seen from CO, b [m].
         turning: Of the vehicle over the tick.
         later: So long after the start of the tick it was taken [s]: gravity is that of the attitude then, for at
             1 rad/s it turns by 0.15 m/s2 in 15 ms.
@@ -164,12 +166,12 @@ def by_accelerometer(
 class Waves(eqx.Module):
     """Second-order motion of wave frequency [rad/s] with a damping ratio, and the density of the noise that drives it.
 
-    `density` is that of w_w along north, east and down [m2/s3], shape (3,).
+    `density` is that of w_w along north, east and down [m2/s3].
     """
 
-    frequency: Array
-    damping: Array
-    density: Array
+    frequency: Scalar
+    damping: Scalar
+    density: Vector3
 
 
 def by_waves(x: NavigationState, waves: Waves) -> Acceleration:
@@ -180,7 +182,7 @@ def by_waves(x: NavigationState, waves: Waves) -> Acceleration:
     return Acceleration(value, slope)
 
 
-def sum_of(model: Acceleration, waves: Acceleration, R_nb: Array) -> Acceleration:
+def sum_of(model: Acceleration, waves: Acceleration, R_nb: Matrix3) -> Acceleration:
     """Of slow motion in b and waves in n, in b."""
     turned = R_nb.T @ waves.value
     slope = product(R_nb.T, waves.slope) + side_by_side(3, (ATTITUDE, skew(turned)))
@@ -192,23 +194,29 @@ def less(a: Acceleration, b: Acceleration) -> Acceleration:
     return Acceleration(a.value - b.value, a.slope - b.slope)
 
 
-def mixed(own: Acceleration, difference: Acceleration, gain: Array) -> Acceleration:
-    """An acceleration, moved by its share of the difference; gain of shape (3, 3)."""
+def mixed(own: Acceleration, difference: Acceleration, gain: Matrix3) -> Acceleration:
+    """An acceleration, moved by its share of the difference."""
     return Acceleration(own.value + gain @ difference.value, own.slope + product(gain, difference.slope))
 
 
 def step(
-    x: NavigationState, P: Array, v_dot: Acceleration, wave_dot: Acceleration, turning: Turning, noise: Array, dt: float
-) -> tuple[NavigationState, Array, Array]:
-    """State and covariance a tick later, and half of what takes the error there: Phi = (I + B)^2, B of shape (15, 31).
+    x: NavigationState,
+    P: Float[Array, "31 31"],
+    v_dot: Acceleration,
+    wave_dot: Acceleration,
+    turning: Turning,
+    noise: Float[Array, "31 31"],
+    dt: float,
+) -> tuple[NavigationState, Float[Array, "31 31"], Float[Array, "15 31"]]:
+    """State and covariance a tick later, and half of what takes the error there: Phi = (I + B)^2.
 
     Args:
         x: Nominal state.
-        P: Covariance of its error, shape (31, 31).
+        P: Covariance of its error.
         v_dot: Acceleration over the tick, b.
         wave_dot: Acceleration of the waves over the tick, n.
         turning: Angular velocity over the tick.
-        noise: Intensity of the white noise on the error [unit^2/s], shape (31, 31).
+        noise: Intensity of the white noise on the error [unit^2/s].
         dt: Tick [s].
     """
     R_nb = rotation_from_quaternion(x.attitude)
@@ -233,8 +241,10 @@ def step(
     return after, 0.5 * (P + P.T), B
 
 
-def _rates(R_nb: Array, velocity: Array, v_dot: Array, wave_dot: Array, omega: Array) -> Array:
-    """Rate of the first 15 errors by all, shape (15, 31)."""
+def _rates(
+    R_nb: Matrix3, velocity: Vector3, v_dot: Float[Array, "3 31"], wave_dot: Float[Array, "3 31"], omega: Vector3
+) -> Float[Array, "15 31"]:
+    """Rate of the first 15 errors by all."""
     one = jnp.eye(3)
     rows = [
         side_by_side(3, (VELOCITY, R_nb), (ATTITUDE, -product(R_nb, skew(velocity)))),
@@ -246,7 +256,7 @@ def _rates(R_nb: Array, velocity: Array, v_dot: Array, wave_dot: Array, omega: A
     return jnp.concatenate(rows)
 
 
-def _through(B: Array, P: Array) -> Array:
+def _through(B: Float[Array, "15 31"], P: Float[Array, "31 31"]) -> Float[Array, "31 31"]:
     """(I + B) P (I + B)', B's rows beyond the first 15 being zero."""
     moved = P[:MOVING] + product(B, P)
     corner = moved[:, :MOVING] + product(moved, B.T)
@@ -255,7 +265,7 @@ def _through(B: Array, P: Array) -> Array:
     return jnp.concatenate([jnp.concatenate([corner, side], axis=1), rest])
 
 
-def side_by_side(rows: int, *blocks: tuple[slice, Array]) -> Array:
+def side_by_side(rows: int, *blocks: tuple[slice, Float[Array, "rows _"]]) -> Float[Array, "rows 31"]:
     """A matrix of 31 columns from blocks in their places, in order. In a scan a join is cheaper than a scatter."""
     parts, at = [], 0
     for place, block in blocks:
@@ -264,8 +274,8 @@ def side_by_side(rows: int, *blocks: tuple[slice, Array]) -> Array:
     return jnp.concatenate([*parts, jnp.zeros((rows, ERRORS - at))], axis=1)
 
 
-def force_inverse(model: Model) -> Array:
-    """Inverse of the linear part of M, shape (3, 3), by cofactors: no library call inside a scan."""
+def force_inverse(model: Model) -> Matrix3:
+    """Inverse of the linear part of M, by cofactors: no library call inside a scan."""
     a, b, c = model.inertia[0, :3], model.inertia[1, :3], model.inertia[2, :3]
     bc = cross(b, c)
     return jnp.stack([bc, cross(c, a), cross(a, b)], axis=1) / (a @ bc)

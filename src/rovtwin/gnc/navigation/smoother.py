@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import PerThruster
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation.filter import NavigationFilter, NavigationMemory
 from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, MOVING
@@ -30,28 +32,30 @@ class Smoothed:
     """A track, smoothed.
 
     Attributes:
-        t: Time [s], shape (n,).
-        eta: Pose of CO with the waves' motion, zyx Euler angles, shape (n, 6).
-        nu: Velocity over ground, b, shape (n, 6).
-        std: Of north, east, down, Euler angles (small angles, b) and linear velocity [m, rad, m/s], shape (n, 9).
-        filtered: The filter's own pose, shape (n, 6).
+        t: Time [s].
+        eta: Pose of CO with the waves' motion, zyx Euler angles.
+        nu: Velocity over ground, b.
+        std: Of north, east, down, Euler angles (small angles, b) and linear velocity [m, rad, m/s].
+        filtered: The filter's own pose.
     """
 
-    t: np.ndarray
-    eta: np.ndarray
-    nu: np.ndarray
-    std: np.ndarray
-    filtered: np.ndarray
+    t: Float[np.ndarray, " n"]
+    eta: Float[np.ndarray, "n 6"]
+    nu: Float[np.ndarray, "n 6"]
+    std: Float[np.ndarray, "n 9"]
+    filtered: Float[np.ndarray, "n 6"]
 
 
-def smooth(filter: NavigationFilter, start: Start, slots: Measurements, commands: np.ndarray, dt: float) -> Smoothed:
+def smooth(
+    filter: NavigationFilter, start: Start, slots: Measurements, commands: Float[np.ndarray, "n thrusters"], dt: float
+) -> Smoothed:
     """Smooth a recording.
 
     Args:
         filter: Its beliefs.
         start: Where the recording begins.
         slots: Readings by sensor, tick by tick: leading axis n.
-        commands: That were sent over the tick before, shape (n, n_thrusters).
+        commands: That were sent over the tick before.
         dt: Tick [s].
     """
     n = len(commands)
@@ -76,14 +80,14 @@ def smooth(filter: NavigationFilter, start: Start, slots: Measurements, commands
     )
 
 
-def _with_waves(P: np.ndarray) -> np.ndarray:
-    """Variance of position and waves together, shape (n, 3)."""
+def _with_waves(P: Float[np.ndarray, "n 31 31"]) -> Float[np.ndarray, "n 3"]:
+    """Variance of position and waves together."""
     i, j = np.arange(3), np.arange(9, 12)
     return P[:, i, i] + 2.0 * P[:, i, j] + P[:, j, j]
 
 
-def _of_velocity(P: np.ndarray, R: Rotation) -> np.ndarray:
-    """Variance of the velocity and the waves' together, b, shape (n, 3)."""
+def _of_velocity(P: Float[np.ndarray, "n 31 31"], R: Rotation) -> Float[np.ndarray, "n 3"]:
+    """Variance of the velocity and the waves' together, b."""
     R_bn = R.inv().as_matrix()
     cross = np.einsum("nij,nij->ni", R_bn, P[:, 3:6, 12:15])
     waves = np.einsum("nij,njk,nik->ni", R_bn, P[:, 12:15, 12:15], R_bn)
@@ -92,11 +96,15 @@ def _of_velocity(P: np.ndarray, R: Rotation) -> np.ndarray:
 
 @partial(jax.jit, static_argnames="dt")
 def _forwards(
-    filter: NavigationFilter, memory: NavigationMemory, slots: Measurements, commands: Array, dt: float
-) -> tuple[NavigationMemory, tuple[Array, ...]]:
+    filter: NavigationFilter,
+    memory: NavigationMemory,
+    slots: Measurements,
+    commands: Float[Array, "n thrusters"],
+    dt: float,
+) -> tuple[NavigationMemory, tuple[Float[Array, "..."], ...]]:
     def tick(
-        memory: NavigationMemory, inputs: tuple[Measurements, Array]
-    ) -> tuple[NavigationMemory, tuple[Array, ...]]:
+        memory: NavigationMemory, inputs: tuple[Measurements, PerThruster]
+    ) -> tuple[NavigationMemory, tuple[Float[Array, "..."], ...]]:
         slots, u = inputs
         after, estimate, passed = filter.passed(memory, ObserverInput(slots, Command(u)), dt)
         kept = passed.x.as_vector(), passed.P, passed.x_after.as_vector(), passed.P_after, passed.B
@@ -106,15 +114,15 @@ def _forwards(
 
 
 def _backwards(
-    x: np.ndarray,
-    P: np.ndarray,
-    x_after: np.ndarray,
-    P_after: np.ndarray,
-    B: np.ndarray,
-    x_n: np.ndarray,
-    P_n: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, 32) and covariances (n, 31, 31) after each tick."""
+    x: Float[np.ndarray, "n 32"],
+    P: Float[np.ndarray, "n 31 31"],
+    x_after: Float[np.ndarray, "n 32"],
+    P_after: Float[np.ndarray, "n 31 31"],
+    B: Float[np.ndarray, "n 15 31"],
+    x_n: Float[np.ndarray, "32"],
+    P_n: Float[np.ndarray, "31 31"],
+) -> tuple[Float[np.ndarray, "n 32"], Float[np.ndarray, "n 31 31"]]:
+    """States and covariances after each tick."""
     states, covariances = np.empty_like(x), np.empty_like(P)
     states[-1], covariances[-1] = x_n, P_n
     for k in range(len(x) - 1, 0, -1):
@@ -131,15 +139,15 @@ def _backwards(
     return states, covariances
 
 
-def _minus(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Error that takes state b to a, shape (31,)."""
+def _minus(a: Float[np.ndarray, "32"], b: Float[np.ndarray, "32"]) -> Float[np.ndarray, "31"]:
+    """Error that takes state b to a."""
     e = np.concatenate([a[:6] - b[:6], np.zeros(3), a[10:] - b[10:]])
     turn = Rotation.from_quat(b[_Q], scalar_first=True).inv() * Rotation.from_quat(a[_Q], scalar_first=True)
     e[ATTITUDE] = turn.as_rotvec()
     return e
 
 
-def _plus(x: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """State x with an error added, shape (32,)."""
+def _plus(x: Float[np.ndarray, "32"], e: Float[np.ndarray, "31"]) -> Float[np.ndarray, "32"]:
+    """State x with an error added."""
     turned = Rotation.from_quat(x[_Q], scalar_first=True) * Rotation.from_rotvec(e[ATTITUDE])
     return np.concatenate([x[:6] + e[:6], turned.as_quat(scalar_first=True), x[10:] + e[9:]])

@@ -7,10 +7,12 @@ Reference: Sola (2017), Quaternion Kinematics for the Error-State Kalman Filter,
 """
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.frames import quaternion_multiply, quaternion_normalise
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Quaternion, Vector2, Vector3
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 WAVE_PLACE, WAVE_VELOCITY = slice(9, 12), slice(12, 15)
@@ -35,15 +37,15 @@ FIELDS = (
 )
 
 
-def initial_covariance(std: Array, start: Start) -> Array:
-    """Covariance of the error at the start, shape (31, 31).
+def initial_covariance(std: Float[Array, "31"], start: Start) -> Float[Array, "31 31"]:
+    """Covariance of the error at the start.
 
     What is known of the start is where CO is, waves and all: how much of it is the waves' displacement is not known, so
     that slow place and displacement err by the same, one up, one down. Depth is given by the pressure, which is blind
     to the waves.
 
     Args:
-        std: Of each error [its unit], shape (31,); that of north and east is the start's own.
+        std: Of each error [its unit]; that of north and east is the start's own.
         start: Its `position_std` is that of CO [m].
     """
     waves = std[WAVE_PLACE][HORIZONTAL] ** 2
@@ -59,31 +61,30 @@ class NavigationState(eqx.Module):
     """The nominal state.
 
     Attributes:
-        position: CO in n without the motion of the waves [m], shape (3,).
-        velocity: Of CO over ground, b, without the motion of the waves [m/s], shape (3,).
-        attitude: Quaternion R_nb, shape (4,).
-        wave_place: What waves add to the position, n [m], shape (3,).
-        wave_velocity: What waves add to the velocity, n [m/s], shape (3,).
-        gyro_bias: b [rad/s], shape (3,).
-        accelerometer_bias: b [m/s2], shape (3,).
-        force_n: Slow disturbance that stays put as the vehicle turns (drift, tether, buoyancy), n [N], shape (3,).
-        force_b: Slow disturbance that turns with it (thrust that is not what it should be), surge and sway [N],
-            shape (2,).
-        current: Of the water, north and east [m/s], shape (2,).
-        drag: Logarithm of what drag is times the model's, in surge, sway and heave, shape (3,).
+        position: CO in n without the motion of the waves [m].
+        velocity: Of CO over ground, b, without the motion of the waves [m/s].
+        attitude: Quaternion R_nb.
+        wave_place: What waves add to the position, n [m].
+        wave_velocity: What waves add to the velocity, n [m/s].
+        gyro_bias: b [rad/s].
+        accelerometer_bias: b [m/s2].
+        force_n: Slow disturbance that stays put as the vehicle turns (drift, tether, buoyancy), n [N].
+        force_b: Slow disturbance that turns with it (thrust that is not what it should be), surge and sway [N].
+        current: Of the water, north and east [m/s].
+        drag: Logarithm of what drag is times the model's, in surge, sway and heave.
     """
 
-    position: Array
-    velocity: Array
-    attitude: Array
-    wave_place: Array
-    wave_velocity: Array
-    gyro_bias: Array
-    accelerometer_bias: Array
-    force_n: Array
-    force_b: Array
-    current: Array
-    drag: Array
+    position: Vector3
+    velocity: Vector3
+    attitude: Quaternion
+    wave_place: Vector3
+    wave_velocity: Vector3
+    gyro_bias: Vector3
+    accelerometer_bias: Vector3
+    force_n: Vector3
+    force_b: Vector2
+    current: Vector2
+    drag: Vector3
 
     @classmethod
     def at(cls, start: Start) -> "NavigationState":
@@ -91,12 +92,12 @@ class NavigationState(eqx.Module):
         zero, two = jnp.zeros(3), jnp.zeros(2)
         return cls(start.position, zero, start.attitude, zero, zero, zero, zero, zero, two, two, zero)
 
-    def as_vector(self) -> Array:
-        """All of it, shape (32,), in the order of the fields."""
+    def as_vector(self) -> Float[Array, "32"]:
+        """All of it, in the order of the fields."""
         return jnp.concatenate([getattr(self, name) for name in FIELDS])
 
-    def corrected(self, error: Array) -> "NavigationState":
-        """The state with an error, shape (31,), added."""
+    def corrected(self, error: Float[Array, "31"]) -> "NavigationState":
+        """The state with an error added."""
         half = 0.5 * error[ATTITUDE]
         turn = jnp.concatenate([jnp.sqrt(jnp.maximum(1.0 - half @ half, 0.0))[None], half])
         return NavigationState(

@@ -4,9 +4,11 @@ from collections.abc import Container, Mapping, Sequence
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import SENSORS, kind_of
+from rovtwin.core.types import Scalar, Vector3
 from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
@@ -38,9 +40,9 @@ class Tuning(eqx.Module):
 
     Attributes:
         mounts: Sensors by name; those that are not named are left out.
-        initial_std: Of the error at the start, shape (31,); of north and east `Start.position_std` tells.
-        walk: White noise that drives each error [unit/sqrt(s)], shape (31,).
-        acceleration_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)]: surge, sway, heave, shape (3,).
+        initial_std: Of the error at the start; of north and east `Start.position_std` tells.
+        walk: White noise that drives each error [unit/sqrt(s)].
+        acceleration_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)]: surge, sway, heave.
         acceleration_share: Share of the model's own acceleration by which it may err (a mass that is not right).
         acceleration_memory: How long such an error lasts [s].
         turn_noise: Attitude while the gyro is silent [rad/sqrt(s)].
@@ -53,26 +55,26 @@ class Tuning(eqx.Module):
     """
 
     mounts: dict[str, Mount]
-    initial_std: Array = eqx.field(converter=as_array)
-    walk: Array = eqx.field(converter=as_array)
-    acceleration_noise: Array = eqx.field(converter=as_array)
-    acceleration_share: Array = eqx.field(converter=as_array)
-    acceleration_memory: Array = eqx.field(converter=as_array)
-    turn_noise: Array = eqx.field(converter=as_array)
-    wave_damping: Array = eqx.field(converter=as_array)
-    wave_slip: Array = eqx.field(converter=as_array)
-    gate: dict[str, Array]
+    initial_std: Float[Array, "31"] = eqx.field(converter=as_array)
+    walk: Float[Array, "31"] = eqx.field(converter=as_array)
+    acceleration_noise: Vector3 = eqx.field(converter=as_array)
+    acceleration_share: Scalar = eqx.field(converter=as_array)
+    acceleration_memory: Scalar = eqx.field(converter=as_array)
+    turn_noise: Scalar = eqx.field(converter=as_array)
+    wave_damping: Scalar = eqx.field(converter=as_array)
+    wave_slip: Scalar = eqx.field(converter=as_array)
+    gate: dict[str, Scalar]
     patience: int = eqx.field(static=True)
     max_rejections: int = eqx.field(static=True)
-    max_age: Array = eqx.field(converter=as_array)
+    max_age: Scalar = eqx.field(converter=as_array)
 
     def named(self, kind: str, among: Container[str]) -> list[str]:
         """Names of the sensors of a kind that are known and `among` those on board."""
         return [name for name in sorted(self.mounts) if kind_of(name) == kind and name in among]
 
     @property
-    def rate_variance(self) -> Array:
-        """Of the angular velocity that all gyros together tell, b [rad2/s2], shape (3,)."""
+    def rate_variance(self) -> Vector3:
+        """Of the angular velocity that all gyros together tell, b [rad2/s2]."""
         gyros = [self.mounts[name].variance for name in self.named("gyro", self.mounts)]
         if not gyros:
             return jnp.full(3, 1.0) * self.turn_noise**2
@@ -185,7 +187,7 @@ def disturbance_levels(model: Model) -> dict[str, float]:
     }
 
 
-def _laid_out(parts: Sequence[tuple[slice, list[float]]]) -> np.ndarray:
+def _laid_out(parts: Sequence[tuple[slice, list[float]]]) -> Float[np.ndarray, "31"]:
     whole = np.zeros(ERRORS)
     for place, values in parts:
         whole[place] = values

@@ -7,7 +7,8 @@ that of their velocity, it gives their frequency.
 
 import equinox as eqx
 
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.types import Flag, Matrix3, Scalar, Vector3
 
 SMOOTH, SLOW, REMEMBER = 0.2, 6.0, 40.0  # [s]
 FIRST, GROWTH = 6.0, 0.25  # what is remembered at the start [s], and how much longer each second
@@ -21,20 +22,20 @@ class SeaState(eqx.Module):
     """What model and waves do not explain.
 
     Attributes:
-        smooth: Acceleration, b [m/s2], shape (3,).
-        slow: Its slow part, shape (3,).
-        velocity: Integral of the rest, which forgets slowly [m/s], shape (3,).
-        acceleration_variance: Of waves, shape (3,) [m2/s4].
-        velocity_variance: Of waves, shape (3,) [m2/s2].
+        smooth: Acceleration, b [m/s2].
+        slow: Its slow part.
+        velocity: Integral of the rest, which forgets slowly [m/s].
+        acceleration_variance: Of waves [m2/s4].
+        velocity_variance: Of waves [m2/s2].
         memory: How far back the variances reach [s].
     """
 
-    smooth: Array
-    slow: Array
-    velocity: Array
-    acceleration_variance: Array
-    velocity_variance: Array
-    memory: Array
+    smooth: Vector3
+    slow: Vector3
+    velocity: Vector3
+    acceleration_variance: Vector3
+    velocity_variance: Vector3
+    memory: Scalar
 
     @classmethod
     def unknown(cls) -> "SeaState":
@@ -42,13 +43,13 @@ class SeaState(eqx.Module):
         zero, one = jnp.zeros(3), jnp.ones(3)
         return cls(zero, zero, zero, ROUGH[0] ** 2 * one, ROUGH[1] ** 2 * one, jnp.asarray(FIRST))
 
-    def after(self, unexplained: Array, noise: Array, received: Array, dt: float) -> "SeaState":
+    def after(self, unexplained: Vector3, noise: Vector3, received: Flag, dt: float) -> "SeaState":
         """A tick later.
 
         Args:
-            unexplained: Accelerometer's less model's acceleration [m/s2], shape (3,).
-            noise: Its variance where there are no waves, shape (3,).
-            received: Whether there was a reading, bool.
+            unexplained: Accelerometer's less model's acceleration [m/s2].
+            noise: Its variance where there are no waves.
+            received: Whether there was a reading.
             dt: Tick [s].
         """
         smooth = self.smooth + dt / SMOOTH * (unexplained - self.smooth)
@@ -70,17 +71,17 @@ class SeaState(eqx.Module):
         return jax.tree.map(lambda a, b: jnp.where(received, a, b), new, self)
 
     @property
-    def frequency(self) -> Array:
+    def frequency(self) -> Scalar:
         """Of the waves [rad/s]; the usual one in calm water."""
         a = jnp.maximum(jnp.sum(self.acceleration_variance), 0.0) + FAINT**2
         v = jnp.maximum(jnp.sum(self.velocity_variance), 0.0) + (FAINT / USUAL) ** 2
         return jnp.clip(jnp.sqrt(a / v), SLOWEST, FASTEST)
 
-    def heave(self, R_nb: Array) -> Array:
+    def heave(self, R_nb: Matrix3) -> Scalar:
         """Standard deviation of the waves' vertical displacement [m]."""
         a = (R_nb[2] * R_nb[2]) @ jnp.maximum(self.acceleration_variance, 0.0)
         return jnp.sqrt(a + 1e-12) / self.frequency**2
 
-    def density(self, damping: Array, R_nb: Array) -> Array:
-        """Of the white noise that drives the waves along north, east and down [m2/s3], shape (3,)."""
+    def density(self, damping: Scalar, R_nb: Matrix3) -> Vector3:
+        """Of the white noise that drives the waves along north, east and down [m2/s3]."""
         return (R_nb * R_nb) @ jnp.maximum(self.acceleration_variance, 0.0) * 4.0 * damping / self.frequency

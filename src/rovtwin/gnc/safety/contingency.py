@@ -14,11 +14,13 @@ turns it.
 """
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
 from rovtwin.core.frames import heading_of, wrap, yaw_rotation
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Flag, PRNGKey, Scalar, Vector2, Vector3
 from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
 from rovtwin.gnc.interfaces import (
     MODE_ABORTED,
@@ -35,38 +37,38 @@ from rovtwin.vehicle.physics.model import Model
 
 
 class ContingencyInput(eqx.Module):
-    """What guidance asks for, the estimate, what the supervisor decided, and the pilot's command, (4,)."""
+    """What guidance asks for, the estimate, what the supervisor decided, and the pilot's command."""
 
     setpoint: Setpoint
     estimate: Estimate
     mode: Mode
-    pilot: Array = eqx.field(default_factory=lambda: jnp.zeros(4))
+    pilot: Float[Array, "4"] = eqx.field(default_factory=lambda: jnp.zeros(4))
 
 
 class ContingencyMemory(eqx.Module):
     """What is remembered.
 
     Attributes:
-        home: Where the mission began, n [m], shape (3,).
-        position: Of the last set-point, n [m], shape (3,).
+        home: Where the mission began, n [m].
+        position: Of the last set-point, n [m].
         heading: Of the last set-point [rad].
         kept: Heading that is to be kept, but for a current [rad].
         bow: What the current makes of it.
-        velocity: Of it, n [m/s], shape (3,).
-        away: Whether the vehicle was taken off its mission and has not gone on with it yet, bool.
-        follows: Whether it was asked to go where this block says in the last tick, bool.
-        there: Whether it has arrived, bool.
+        velocity: Of it, n [m/s].
+        away: Whether the vehicle was taken off its mission and has not gone on with it yet.
+        follows: Whether it was asked to go where this block says in the last tick.
+        there: Whether it has arrived.
     """
 
-    home: Array
-    position: Array
-    heading: Array
-    kept: Array
+    home: Vector3
+    position: Vector3
+    heading: Scalar
+    kept: Scalar
     bow: BowMemory | None
-    velocity: Array
-    away: Array
-    follows: Array
-    there: Array
+    velocity: Vector3
+    away: Flag
+    follows: Flag
+    there: Flag
 
 
 class Contingency(Block):
@@ -79,21 +81,21 @@ class Contingency(Block):
         surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
         near: How close to home is there [m].
         afloat: How close to the surface is there [m].
-        fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
+        fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s].
         leash: How far the point goes ahead of a piloted vehicle [m].
         lead: How far its heading goes ahead of the vehicle's [rad].
         bow: Turns a vehicle into a current that it does not stem sideways; None: the heading is kept all the same.
     """
 
-    speed: Array = eqx.field(converter=as_array)
-    acceleration: Array = eqx.field(converter=as_array)
-    settling: Array = eqx.field(converter=as_array)
-    surface: Array = eqx.field(converter=as_array)
-    near: Array = eqx.field(converter=as_array)
-    afloat: Array = eqx.field(converter=as_array)
-    fastest: Array = eqx.field(converter=as_array)
-    leash: Array = eqx.field(converter=as_array)
-    lead: Array = eqx.field(converter=as_array, default=0.8)
+    speed: Scalar = eqx.field(converter=as_array)
+    acceleration: Scalar = eqx.field(converter=as_array)
+    settling: Scalar = eqx.field(converter=as_array)
+    surface: Scalar = eqx.field(converter=as_array)
+    near: Scalar = eqx.field(converter=as_array)
+    afloat: Scalar = eqx.field(converter=as_array)
+    fastest: Float[Array, "4"] = eqx.field(converter=as_array)
+    leash: Scalar = eqx.field(converter=as_array)
+    lead: Scalar = eqx.field(converter=as_array, default=0.8)
     bow: Bow | None = None
 
     @classmethod
@@ -130,7 +132,7 @@ class Contingency(Block):
             bow=bow,
         )
 
-    def init(self, key: Array, start: Start) -> ContingencyMemory:
+    def init(self, key: PRNGKey, start: Start) -> ContingencyMemory:
         heading, place = heading_of(start.attitude), start.position
         no, bow = jnp.asarray(False), None if self.bow is None else self.bow.init(key, start)
         return ContingencyMemory(place, place, heading, heading, bow, jnp.zeros(3), no, no, no)
@@ -180,9 +182,9 @@ class Contingency(Block):
         return after, jax.tree.map(lambda new, old: jnp.where(follows, new, old), own, asked)
 
     def _bow(
-        self, memory: BowMemory | None, kept: Array, way: Array, estimate: Estimate, dt: float
-    ) -> tuple[BowMemory | None, Array]:
-        """Memory and heading, for one that is to be kept and a way over ground, n [m/s], shape (2,)."""
+        self, memory: BowMemory | None, kept: Scalar, way: Vector2, estimate: Estimate, dt: float
+    ) -> tuple[BowMemory | None, Scalar]:
+        """Memory and heading, for one that is to be kept and a way over ground, n [m/s]."""
         if self.bow is None or memory is None:
             return memory, kept
         return self.bow.step(memory, BowInput(kept, way, estimate), dt)
@@ -200,9 +202,9 @@ class Contingency(Block):
         return ContingencyMemory(memory.home, place, heading, heading, memory.bow, velocity, no, no, no)
 
     def _velocity(
-        self, memory: ContingencyMemory, returning: Array, surfacing: Array, desired: Array, dt: float
-    ) -> Array:
-        """Of the point, n [m/s], shape (3,): as the pilot commands, or to the goal, so that it can be stopped there."""
+        self, memory: ContingencyMemory, returning: Flag, surfacing: Flag, desired: Vector3, dt: float
+    ) -> Vector3:
+        """Of the point, n [m/s]: as the pilot commands, or to the goal, so that it can be stopped there."""
         level = jnp.where(returning, memory.home[:2] - memory.position[:2], 0.0)
         up = jnp.where(surfacing, jnp.minimum(self.surface - memory.position[2], 0.0), 0.0)
         goal = jnp.append(level, up)
@@ -214,7 +216,7 @@ class Contingency(Block):
         size = jnp.sqrt(change @ change + 1e-12)
         return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)
 
-    def _leashed(self, position: Array, heading: Array, estimate: Estimate) -> tuple[Array, Array]:
+    def _leashed(self, position: Vector3, heading: Scalar, estimate: Estimate) -> tuple[Vector3, Scalar]:
         """The point and its heading, no further ahead of the vehicle than the leash, and not above the surface."""
         place = estimate.slow_position
         away = position - place
@@ -222,7 +224,7 @@ class Contingency(Block):
         turn = jnp.clip(wrap(heading - estimate.heading), -self.lead, self.lead)
         return near.at[2].max(jnp.minimum(self.surface, place[2])), estimate.heading + turn
 
-    def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
+    def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Scalar:
         """Heading from the vehicle towards home, or as it is once home is near.
 
         From the vehicle, not from the point: one that cannot push sideways gets home by heading there.
@@ -231,7 +233,7 @@ class Contingency(Block):
         far = level @ level > (2.0 * self.near) ** 2
         return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.kept)
 
-    def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Array, surfacing: Array) -> Array:
+    def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Flag, surfacing: Flag) -> Flag:
         place = estimate.slow_position
         level = place[:2] - memory.home[:2]
         home = returning & (level @ level < self.near**2)

@@ -4,9 +4,11 @@ from itertools import combinations
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import null_space
 
 from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
+from rovtwin.core.types import Index, PerThruster, Vector6
 from rovtwin.gnc.allocation.attainable_wrench import RemainingWrench, remaining
 from rovtwin.gnc.control.heave_feedback import TILTS
 from rovtwin.vehicle.analysis.stability import hang
@@ -27,17 +29,16 @@ class ControlAuthority(eqx.Module):
     """What the loss of thrusters leaves.
 
     Attributes:
-        heave: Share of all heave that each thruster gives, shape (n,).
-        lost: Thrusters, 1 where lost, shape (k, n).
+        heave: Share of all heave that each thruster gives.
+        lost: Thrusters, 1 where lost.
         verdict: FINE: the mission can go on. UNABLE: it cannot, but the vehicle can come up. HEAVE_LOST: not even that.
-            Shape (k,), int.
-        upright: Whether roll and pitch can still be controlled by themselves, shape (k, 2), bool.
+        upright: Whether roll and pitch can still be controlled by themselves.
     """
 
-    heave: Array
-    lost: Array
-    verdict: Array
-    upright: Array
+    heave: PerThruster
+    lost: Float[Array, "k n"]
+    verdict: Int[Array, " k"]
+    upright: Bool[Array, "k 2"]
 
     @classmethod
     def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "ControlAuthority":
@@ -63,15 +64,15 @@ class ControlAuthority(eqx.Module):
         share = as_array(heave / max(heave.sum(), 1e-12))
         return cls(share, as_array(lost), jnp.asarray(verdict), jnp.asarray(upright))
 
-    def judged(self, health: Array) -> Array:
-        """FINE, UNABLE or HEAVE_LOST, int, for a health of 1 or 0 of each thruster, shape (n,)."""
+    def judged(self, health: PerThruster) -> Index:
+        """FINE, UNABLE or HEAVE_LOST, for a health of 1 or 0 of each thruster."""
         known = jnp.all(self.lost == (health < 0.5), axis=1)
         # More than the table knows: no mission, but up as long as there is some heave.
         beyond = jnp.where(self.heave @ health >= LEAST, UNABLE, HEAVE_LOST)
         return jnp.where(jnp.any(known), jnp.max(jnp.where(known, self.verdict, FINE)), beyond)
 
-    def axes(self, health: Array) -> Array:
-        """0 along roll and pitch where what is left cannot push alone: nothing may be asked for; else 1, shape (6,).
+    def axes(self, health: PerThruster) -> Vector6:
+        """0 along roll and pitch where what is left cannot push alone: nothing may be asked for; else 1.
 
         A fore and an aft thruster control depth and pitch; one of them alone would trade the one for the other. So
         would a fore and a starboard one with roll and pitch, and what they lack for both the allocation would make with
@@ -82,8 +83,8 @@ class ControlAuthority(eqx.Module):
         return jnp.ones(6).at[3:5].set(jnp.where(upright, 1.0, 0.0))
 
 
-def _apart(thrusters: Thrusters, lost: np.ndarray) -> np.ndarray:
-    """Whether roll and pitch can each be pushed without the other and without force or yaw, shape (k,), bool.
+def _apart(thrusters: Thrusters, lost: Float[np.ndarray, "k n"]) -> Bool[np.ndarray, " k"]:
+    """Whether roll and pitch can each be pushed without the other and without force or yaw.
 
     True, too, of a vehicle that never could. Forces that make no surge, sway, heave and yaw are a subspace; the smaller
     singular value of their moments is what is left of the two apart, and LEAST of a sound vehicle's is enough.
@@ -94,7 +95,7 @@ def _apart(thrusters: Thrusters, lost: np.ndarray) -> np.ndarray:
     if not span.all():
         return np.ones(len(lost), dtype=bool)
 
-    def both(health: np.ndarray) -> float:
+    def both(health: Float[np.ndarray, " n"]) -> float:
         left = T * health
         moments = left[list(ANGLES)] / span[:, None] @ null_space(left[list(UPRIGHT)], rcond=RANK_TOLERANCE)
         return float(np.linalg.svd(moments, compute_uv=False)[-1]) if moments.shape[1] >= 2 else 0.0
@@ -103,8 +104,8 @@ def _apart(thrusters: Thrusters, lost: np.ndarray) -> np.ndarray:
     return np.array([both(1.0 - row) >= LEAST * sound for row in lost])
 
 
-def _pitches(model: Model, lost: np.ndarray, heave: float) -> bool:
-    """Whether full heave thrust [N] of what is left pitches the vehicle by more than TILTS; `lost` has shape (n,)."""
+def _pitches(model: Model, lost: Float[np.ndarray, " n"], heave: float) -> bool:
+    """Whether full heave thrust [N] of what is left pitches the vehicle by more than TILTS."""
     T = configuration_about_cg(model) * (1.0 - lost)
     moment = heave * float(T[PITCH] @ np.linalg.pinv(T[list(UPRIGHT)], rcond=RANK_TOLERANCE)[:, HEAVE])
     return bool(abs(moment) > np.tan(TILTS) * max(float(hang(model).stiffness[1]), 0.0))

@@ -18,9 +18,11 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.flow import Estimate
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Flag, Scalar, Vector2, Vector3
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
 from rovtwin.vehicle.physics.model import Model
 
@@ -35,26 +37,28 @@ class OffCourse(eqx.Module):
     """What is remembered.
 
     Attributes:
-        valid: Whether the last tick had a set-point, bool.
-        desired: Its place, n [m], shape (3,).
-        nearest: Least distances, level and in depth [m], shape (2,).
+        valid: Whether the last tick had a set-point.
+        desired: Its place, n [m].
+        nearest: Least distances, level and in depth [m].
     """
 
-    valid: Array
-    desired: Array
-    nearest: Array
+    valid: Flag
+    desired: Vector3
+    nearest: Vector2
 
     @classmethod
     def none(cls) -> "OffCourse":
         return cls(jnp.asarray(False), jnp.zeros(3), jnp.zeros(2))
 
-    def step(self, desired: Array, estimate: Estimate, limit: Array, step: Array) -> tuple["OffCourse", Array]:
-        """A tick later, and where the vehicle is too far off and no nearer than it was, shape (2,), bool.
+    def step(
+        self, desired: Vector3, estimate: Estimate, limit: Vector2, step: Scalar
+    ) -> tuple["OffCourse", Bool[Array, "2"]]:
+        """A tick later, and where the vehicle is too far off and no nearer than it was.
 
         Args:
-            desired: Place of the set-point that the vehicle had in the last tick, n [m], shape (3,); NaN for none.
+            desired: Place of the set-point that the vehicle had in the last tick, n [m]; NaN for none.
             estimate: The observer's; waves do not count.
-            limit: Level and in depth, to which the estimate's uncertainty is added [m], shape (2,).
+            limit: Level and in depth, to which the estimate's uncertainty is added [m].
             step: That counts as nearer [m].
         """
         place = estimate.slow_position
@@ -70,17 +74,17 @@ class OffCourse(eqx.Module):
         return OffCourse(known, jnp.where(known, desired, 0.0), kept), far & ~nearer
 
 
-def _apart(place: Array, desired: Array) -> Array:
-    """Distance, level and in depth [m], shape (2,)."""
+def _apart(place: Vector3, desired: Vector3) -> Vector2:
+    """Distance, level and in depth [m]."""
     level, depth = place[:2] - desired[:2], place[2] - desired[2]
     return jnp.stack([jnp.sqrt(level @ level + 1e-12), jnp.abs(depth)])
 
 
 class CourseLimits(NamedTuple):
-    """Limits [m], shape (2,), level and in depth, times [s], shape (2,), and the step that counts as nearer [m]."""
+    """Limits [m], level and in depth, times [s], and the step that counts as nearer [m]."""
 
-    limit: np.ndarray
-    after: np.ndarray
+    limit: Float[np.ndarray, "2"]
+    after: Float[np.ndarray, "2"]
     step: float
 
 

@@ -5,11 +5,13 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core import flow
 from rovtwin.core.flow import REASONS, Estimate, Host, Measurements, Slot
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import kind_of
+from rovtwin.core.types import Flag, Index, Scalar, Vector2, Vector3, Vector6
 from rovtwin.gnc.safety.control_authority import FINE
 from rovtwin.gnc.safety.off_course import OffCourse
 
@@ -62,23 +64,23 @@ class Rules(eqx.Module):
     """The table as arrays, a row for each of REASONS.
 
     Attributes:
-        limit: Shape (r,).
-        after: Shape (r,) [s].
-        action: Index of ACTIONS, shape (r,), int.
-        fence: Corners of a polygon in which the vehicle has to stay, n [m], shape (m, 2), or None.
-        allowance: Part of each axis's wrench that may be short without counting as saturated [N, N m], shape (6,).
+        limit: Threshold of each row's condition.
+        after: How long it has to hold [s].
+        action: Index of ACTIONS.
+        fence: Corners of a polygon in which the vehicle has to stay, n [m], or None.
+        allowance: Part of each axis's wrench that may be short without counting as saturated [N, N m].
         nearer: Of a return: by how much nearer to home counts as nearer, and how near as there [m].
         step: Off course: by how much nearer to the set-point counts as nearer [m].
         sensors: Names of those on board, of which each of REMEMBERED is remembered by itself.
     """
 
-    limit: Array
-    after: Array
-    action: Array
-    fence: Array | None
-    allowance: Array
-    nearer: Array
-    step: Array
+    limit: Float[Array, " r"]
+    after: Float[Array, " r"]
+    action: Int[Array, " r"]
+    fence: Float[Array, "m 2"] | None
+    allowance: Vector6
+    nearer: Scalar
+    step: Scalar
     sensors: tuple[str, ...] = eqx.field(static=True, default=REMEMBERED)
 
     @classmethod
@@ -118,62 +120,62 @@ class SupervisorInput(eqx.Module):
 
     Attributes:
         estimate: The observer's.
-        request: The operator's, int.
+        request: The operator's.
         measurements: As they came; sensors of the kinds position, REMEMBERED and VITAL are looked at.
         host: Ages and lateness.
-        shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
-        ability: FINE, UNABLE or HEAVE_LOST, see `control_authority`, int.
-        saturated: Axes on which a limit cut what the controller asked for, shape (6,), bool.
-        desired_position: Place of the last tick's set-point, n [m], shape (3,); NaN where there is none.
-        failed: Whether a block of somebody else has given what is no number, bool; None: there are none.
+        shortfall: Wrench that thrusters did not make in the last tick, b [N, N m].
+        ability: FINE, UNABLE or HEAVE_LOST, see `control_authority`.
+        saturated: Axes on which a limit cut what the controller asked for.
+        desired_position: Place of the last tick's set-point, n [m]; NaN where there is none.
+        failed: Whether a block of somebody else has given what is no number; None: there are none.
     """
 
     estimate: Estimate
-    request: Array
+    request: Index
     measurements: Measurements = eqx.field(default_factory=dict)
     host: Host = eqx.field(default_factory=Host)
-    shortfall: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
-    ability: Array = eqx.field(default_factory=lambda: jnp.asarray(FINE))
-    saturated: Array = eqx.field(default_factory=lambda: jnp.zeros(6, dtype=bool))
-    desired_position: Array = eqx.field(default_factory=lambda: jnp.full(3, jnp.nan))
-    failed: Array | None = None
+    shortfall: Vector6 = eqx.field(default_factory=lambda: jnp.zeros(6))
+    ability: Index = eqx.field(default_factory=lambda: jnp.asarray(FINE))
+    saturated: Bool[Array, "6"] = eqx.field(default_factory=lambda: jnp.zeros(6, dtype=bool))
+    desired_position: Vector3 = eqx.field(default_factory=lambda: jnp.full(3, jnp.nan))
+    failed: Flag | None = None
 
 
 class Watch(eqx.Module):
     """What is remembered to judge by.
 
     Attributes:
-        lasting: How long each row's condition has held [s], shape (r,).
-        home: Where it began, n [m], shape (2,).
+        lasting: How long each row's condition has held [s].
+        home: Where it began, n [m].
         elapsed: Since the mission began [s].
-        leak: Whether water was last said to come in by each sensor, shape (k,), bool.
-        charge: As each battery's sensor last said, share, shape (k,).
-        altitude: As each altimeter last said [m], shape (k,).
+        leak: Whether water was last said to come in by each sensor.
+        charge: As each battery's sensor last said, share.
+        altitude: As each altimeter last said [m].
         silence: Since a position was accepted [s].
         nearest: How near it came to home on its way there [m].
         stalled: Since it last came nearer [s].
-        quiet: Since each of VITAL was received, shape (2,) [s].
+        quiet: Since each of VITAL was received [s].
         nis: Fading sum of the positions' squared normalised innovations, and of their number.
         dof: See `nis`.
         course: How near the vehicle came to its set-point while it is off it.
     """
 
-    lasting: Array
-    home: Array
-    elapsed: Array
-    leak: Array
-    charge: Array
-    altitude: Array
-    silence: Array
-    nearest: Array
-    stalled: Array
-    quiet: Array
-    nis: Array
-    dof: Array
+    lasting: Float[Array, " r"]
+    home: Vector2
+    elapsed: Scalar
+    leak: Bool[Array, " k"]
+    charge: Float[Array, " k"]
+    altitude: Float[Array, " k"]
+    silence: Scalar
+    nearest: Scalar
+    stalled: Scalar
+    quiet: Vector2
+    nis: Scalar
+    dof: Scalar
     course: OffCourse
 
     @classmethod
-    def at(cls, home: Array, rules: Rules) -> "Watch":
+    def at(cls, home: Vector2, rules: Rules) -> "Watch":
         """Nothing seen yet."""
         zero, quiet = jnp.zeros(()), jnp.zeros(len(VITAL))
         leaks, batteries, altimeters = (len(rules.names_of(kind)) for kind in REMEMBERED)
@@ -181,8 +183,8 @@ class Watch(eqx.Module):
         initial = no, full, high, zero, zero + FAR, zero, quiet, zero, zero
         return cls(jnp.zeros(len(REASONS)), home, zero, *initial, OffCourse.none())
 
-    def step(self, rules: Rules, input: SupervisorInput, begun: Array, returning: Array, dt: float) -> "Watch":
-        """A tick later; whether the mission has begun, and whether the vehicle is on its way home, bool."""
+    def step(self, rules: Rules, input: SupervisorInput, begun: Flag, returning: Flag, dt: float) -> "Watch":
+        """A tick later; whether the mission has begun, and whether the vehicle is on its way home."""
         measurements, estimate = input.measurements, input.estimate
         received, squares = jnp.zeros(()), jnp.zeros(())
         names = sorted(measurements)
@@ -217,12 +219,12 @@ class Watch(eqx.Module):
         lasting = jnp.where(seen._conditions(rules, input, astray), self.lasting + dt, 0.0)
         return eqx.tree_at(lambda w: w.lasting, seen, lasting)
 
-    def triggered(self, rules: Rules) -> Array:
-        """Action that each row asks for now, shape (r,), int."""
+    def triggered(self, rules: Rules) -> Int[Array, " r"]:
+        """Action that each row asks for now."""
         return jnp.where((self.lasting > 0.0) & (self.lasting > rules.after), rules.action, IGNORE)
 
-    def _conditions(self, rules: Rules, input: SupervisorInput, astray: Array) -> Array:
-        """Which rows hold now, shape (r,), bool. A comparison with NaN is false: that row asks for it by name."""
+    def _conditions(self, rules: Rules, input: SupervisorInput, astray: Bool[Array, "2"]) -> Bool[Array, " r"]:
+        """Which rows hold now. A comparison with NaN is false: that row asks for it by name."""
         estimate, host = input.estimate, input.host
         spread = jnp.sqrt(jnp.max(jnp.diagonal(estimate.covariance)[:3]))
         place = estimate.position[:2]
@@ -263,8 +265,8 @@ class Watch(eqx.Module):
         return jnp.stack([jnp.asarray(found[row]) for row in range(len(REASONS))])
 
 
-def inside(corners: Array, place: Array) -> Array:
-    """Whether a place (2,) is within a polygon (m, 2), bool: does a ray to the east cross an odd number of edges."""
+def inside(corners: Float[Array, "m 2"], place: Vector2) -> Flag:
+    """Whether a place is within a polygon: does a ray to the east cross an odd number of edges."""
     ahead = jnp.roll(corners, -1, axis=0)
     crosses = (corners[:, 0] > place[0]) != (ahead[:, 0] > place[0])
     rise = jnp.where(crosses, ahead[:, 0] - corners[:, 0], 1.0)
@@ -272,14 +274,14 @@ def inside(corners: Array, place: Array) -> Array:
     return jnp.sum(crosses & (east > place[1])) % 2 == 1
 
 
-def is_finite(estimate: Estimate) -> Array:
-    """Whether pose, velocity, disturbance, covariance and waves are all numbers, bool."""
+def is_finite(estimate: Estimate) -> Flag:
+    """Whether pose, velocity, disturbance, covariance and waves are all numbers."""
     parts = (estimate.position, estimate.attitude, estimate.nu, estimate.bias, estimate.covariance, estimate.wave)
     return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in parts]))
 
 
-def _spoke(measurements: Measurements) -> Array:
-    """Whether one of each of VITAL gave numbers in this tick, shape (2,), bool; what is not on board is not missed."""
+def _spoke(measurements: Measurements) -> Bool[Array, "2"]:
+    """Whether one of each of VITAL gave numbers in this tick; what is not on board is not missed."""
     reported = []
     for kind in VITAL:
         slots = [measurements[name] for name in _of_kind(measurements, kind)]
@@ -292,12 +294,12 @@ def _of_kind(names: Iterable[str], kind: str) -> list[str]:
     return [name for name in names if kind_of(name) == kind]
 
 
-def _last(measurements: Measurements, names: list[str], before: Array) -> Array:
-    """First value of each sensor's newest reading that is a number, shape (k,); what it was before where none came."""
+def _last(measurements: Measurements, names: list[str], before: Float[Array, " k"]) -> Float[Array, " k"]:
+    """First value of each sensor's newest reading that is a number; what it was before where none came."""
     return jnp.stack([_newest(measurements.get(name), before[i]) for i, name in enumerate(names)])
 
 
-def _newest(slot: Slot | None, now: Array) -> Array:
+def _newest(slot: Slot | None, now: Scalar) -> Scalar:
     if slot is None:
         return now
     first = slot.value[:, 0]

@@ -11,10 +11,12 @@ starts a thruster.
 """
 
 import equinox as eqx
+from jaxtyping import Bool
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ALTITUDE_LIMIT, ARM, NO_REASON, OFF_COURSE, OFF_DEPTH, PAUSE, PILOT, RESUME
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import PRNGKey
 from rovtwin.gnc.interfaces import (
     MODE_HOLDING,
     MODE_IDLE,
@@ -29,11 +31,11 @@ from rovtwin.gnc.safety.rules import IGNORE, STOP, SURFACE, Rules, SupervisorInp
 
 
 class SupervisorMemory(eqx.Module):
-    """The mode, what is watched, and which rules (r,) the operator armed in spite of, bool."""
+    """The mode, what is watched, and which rules the operator armed in spite of."""
 
     mode: Mode
     watch: Watch
-    overruled: Array
+    overruled: Bool[Array, " r"]
 
 
 class Supervisor(Block):
@@ -41,7 +43,7 @@ class Supervisor(Block):
 
     rules: Rules = eqx.field(default_factory=Rules.of)
 
-    def init(self, key: Array, start: Start) -> SupervisorMemory:
+    def init(self, key: PRNGKey, start: Start) -> SupervisorMemory:
         zero = jnp.zeros((), dtype=int)
         watch = Watch.at(start.position[:2], self.rules)
         return SupervisorMemory(Mode(zero + MODE_IDLE, zero + NO_REASON), watch, watch.lasting > 0.0)

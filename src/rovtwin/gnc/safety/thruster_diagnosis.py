@@ -23,11 +23,13 @@ import dataclasses
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate
 from rovtwin.core.frames import heading_rotation
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Configuration, Flag, PerThruster, PRNGKey, Scalar, Vector2, Vector6
 from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
 from rovtwin.gnc.scales import YAW, VehicleScales
 from rovtwin.vehicle.physics.actuation import wrench_limits
@@ -52,50 +54,50 @@ class HealthMemory(eqx.Module):
     """What the monitor remembers; h hypotheses.
 
     Attributes:
-        momentum: M nu of the last tick, shape (6,).
-        force: Of the thrusters as they should push, and the same through the observer's lag [N], shape (n,).
+        momentum: M nu of the last tick.
+        force: Of the thrusters as they should push, and the same through the observer's lag [N].
         seen: See `force`.
-        residual: External wrench [N, N m], shape (6,).
-        baseline: Its slow part, shape (6,).
-        energy: Mean of <s_h, s_h>, shape (h,).
-        match: Mean of <s_h, x>, shape (h,).
-        total: Mean of <x, x>, shape (h,).
-        since: How long each hypothesis has held [s], shape (h,).
-        health: 1 or 0 of each thruster, shape (n,).
+        residual: External wrench [N, N m].
+        baseline: Its slow part.
+        energy: Mean of <s_h, s_h>.
+        match: Mean of <s_h, x>.
+        total: Mean of <x, x>.
+        since: How long each hypothesis has held [s].
+        health: 1 or 0 of each thruster.
         age: How long it has been watching [s].
     """
 
-    momentum: Array
-    force: Array
-    seen: Array
-    residual: Array
-    baseline: Array
-    energy: Array
-    match: Array
-    total: Array
-    since: Array
-    health: Array
-    age: Array
+    momentum: Vector6
+    force: PerThruster
+    seen: PerThruster
+    residual: Vector6
+    baseline: Vector6
+    energy: Float[Array, " h"]
+    match: Float[Array, " h"]
+    total: Float[Array, " h"]
+    since: Float[Array, " h"]
+    health: PerThruster
+    age: Scalar
 
-    def retried(self, again: Array) -> "HealthMemory":
-        """The same, with all thrusters counted as sound where they are to be tried again, bool."""
+    def retried(self, again: Flag) -> "HealthMemory":
+        """The same, with all thrusters counted as sound where they are to be tried again."""
         return eqx.tree_at(lambda m: m.health, self, jnp.where(again, 1.0, self.health))
 
 
 class ThrusterHealth(Block):
-    """Gives the health of each thruster, 1 or 0, shape (n,): lost is one that hardly pushes any more, or the wrong way.
+    """Gives the health of each thruster, 1 or 0: lost is one that hardly pushes any more, or the wrong way.
 
     What is lost stays lost until the operator arms again.
 
     Attributes:
         model: What the vehicle is assumed to be.
         sustained: Tells the current.
-        lost: Thrusters that each hypothesis takes for lost, shape (h, n).
-        signed: Columns of T with a moment of their own, shape (6, n); the others zero.
-        distinguishable: Whether a hypothesis has such a thruster, shape (h,), bool.
-        weight: One over the squared noise of each axis on which a hypothesis's thrusters push, shape (h, 6); zero on
-            the others, where there is only what disturbs.
-        force_std: Of the force from which the current is read, along the bow and across it [N], shape (2,).
+        lost: Thrusters that each hypothesis takes for lost.
+        signed: Columns of T with a moment of their own; the others zero.
+        distinguishable: Whether a hypothesis has such a thruster.
+        weight: One over the squared noise of each axis on which a hypothesis's thrusters push; zero on the others,
+            where there is only what disturbs.
+        force_std: Of the force from which the current is read, along the bow and across it [N].
         bandwidth: K, of the observer [rad/s].
         window: Of the means [s].
         memory: Time constant of what counts as slow [s].
@@ -107,18 +109,18 @@ class ThrusterHealth(Block):
 
     model: Model
     sustained: AchievableSpeed
-    lost: Array
-    signed: Array
-    distinguishable: Array
-    weight: Array
-    force_std: Array
-    bandwidth: Array = eqx.field(converter=as_array)
-    window: Array = eqx.field(converter=as_array)
-    memory: Array = eqx.field(converter=as_array)
-    patience: Array = eqx.field(converter=as_array)
-    least: Array = eqx.field(converter=as_array, default=4.0)
-    share: Array = eqx.field(converter=as_array, default=0.7)
-    certainty: Array = eqx.field(converter=as_array, default=0.72)
+    lost: Float[Array, "h n"]
+    signed: Configuration
+    distinguishable: Bool[Array, " h"]
+    weight: Float[Array, "h 6"]
+    force_std: Vector2
+    bandwidth: Scalar = eqx.field(converter=as_array)
+    window: Scalar = eqx.field(converter=as_array)
+    memory: Scalar = eqx.field(converter=as_array)
+    patience: Scalar = eqx.field(converter=as_array)
+    least: Scalar = eqx.field(converter=as_array, default=4.0)
+    share: Scalar = eqx.field(converter=as_array, default=0.7)
+    certainty: Scalar = eqx.field(converter=as_array, default=0.72)
 
     @classmethod
     def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "ThrusterHealth":
@@ -153,13 +155,13 @@ class ThrusterHealth(Block):
             force_std=READ_NOISE * as_array(np.maximum(-lower, upper)[:2]),
         )
 
-    def init(self, key: Array, start: Start) -> HealthMemory:
+    def init(self, key: PRNGKey, start: Start) -> HealthMemory:
         n, h = self.model.thrusters.count, self.lost.shape[0]
         six, rest, none = jnp.zeros(6), jnp.zeros(n), jnp.zeros(h)
         health = jnp.ones(n)
         return HealthMemory(six, rest, rest, six, six, none, none, none, none, health, jnp.zeros(()))
 
-    def step(self, memory: HealthMemory, input: HealthInput, dt: float) -> tuple[HealthMemory, Array]:
+    def step(self, memory: HealthMemory, input: HealthInput, dt: float) -> tuple[HealthMemory, PerThruster]:
         force = lag(self.model.thrusters, memory.force, static_force(self.model.thrusters, input.command.u), dt)
         momentum, external = self._external(memory, input.estimate, force, dt)
         quick = 1.0 - jnp.exp(-self.bandwidth * dt)
@@ -201,8 +203,10 @@ class ThrusterHealth(Block):
         )
         return jax.tree.map(lambda new, old: jnp.where(jnp.isfinite(new), new, old), after, memory), health
 
-    def _external(self, memory: HealthMemory, estimate: Estimate, force: Array, dt: float) -> tuple[Array, Array]:
-        """Momentum, and the wrench that is not the model's, b [N, N m], both shape (6,)."""
+    def _external(
+        self, memory: HealthMemory, estimate: Estimate, force: PerThruster, dt: float
+    ) -> tuple[Vector6, Vector6]:
+        """Momentum, and the wrench that is not the model's, b [N, N m]."""
         model, nu = self.model, estimate.nu
         down_b = estimate.R_nb[2]
         momentum = model.inertia @ nu
@@ -211,16 +215,16 @@ class ThrusterHealth(Block):
         known = tau - coriolis_wrench(model.rigid_body_mass, nu) - flow - restoring_wrench(model, down_b)
         return momentum, jnp.where(memory.age > 0.0, (momentum - memory.momentum) / dt - known, 0.0)
 
-    def _flow(self, estimate: Estimate) -> Array:
-        """Wrench of the water that flows past, b [N, N m], shape (6,)."""
+    def _flow(self, estimate: Estimate) -> Vector6:
+        """Wrench of the water that flows past, b [N, N m]."""
         nu_r = self.sustained.through_water(estimate)
         return coriolis_wrench(self.model.added_mass, nu_r) + damping_wrench(self.model, nu_r)
 
-    def _weighed(self, estimate: Estimate, *wrenches: Array) -> tuple[Array, ...]:
-        """W times wrenches, each of shape (h, 6): W = (N + U U^T)^-1, by Woodbury's identity."""
+    def _weighed(self, estimate: Estimate, *wrenches: Float[Array, "h 6"]) -> tuple[Float[Array, "h 6"], ...]:
+        """W times wrenches: W = (N + U U^T)^-1, by Woodbury's identity."""
         to_n = heading_rotation(estimate.heading) * self.force_std  # columns: along the bow, across it
 
-        def flow(force: Array) -> Array:
+        def flow(force: Vector2) -> Vector6:
             return self._flow(dataclasses.replace(estimate, bias=estimate.bias.at[:2].add(force)))
 
         # By differences, not slopes: where hardly any water flows past, a small force is a large change of speed. And
@@ -230,15 +234,17 @@ class ThrusterHealth(Block):
         a, b, c = (jnp.sum(weighed_U[:, i] * U[j], axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
         determinant = (1.0 + a) * (1.0 + c) - b**2
 
-        def through(y: Array) -> Array:
+        def through(y: Float[Array, "h 6"]) -> Float[Array, "h 6"]:
             p, q = (jnp.sum(weighed_U[:, i] * y, axis=1) for i in (0, 1))
             along, across = ((1.0 + c) * p - b * q) / determinant, ((1.0 + a) * q - b * p) / determinant
             return self.weight * y - along[:, None] * weighed_U[:, 0] - across[:, None] * weighed_U[:, 1]
 
         return tuple(through(y) for y in wrenches)
 
-    def _holds(self, energy: Array, match: Array, total: Array) -> Array:
-        """Whether a hypothesis is the best one, says enough and explains enough, shape (h,), bool."""
+    def _holds(
+        self, energy: Float[Array, " h"], match: Float[Array, " h"], total: Float[Array, " h"]
+    ) -> Bool[Array, " h"]:
+        """Whether a hypothesis is the best one, says enough and explains enough."""
         safe = jnp.maximum(energy, 1e-12)
         loss, explained = match / safe, match**2 / (safe * jnp.maximum(total, 1e-12))
         # A unit explains more than one of its thrusters by having more to explain with; the first of equals counts.

@@ -8,10 +8,12 @@ from typing import Any, Literal
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.types import Configuration, PerThruster, PRNGKey, Vector6
 from rovtwin.gnc.interfaces import Allocated, AllocationInput
 from rovtwin.vehicle.physics.actuation import RANK_TOLERANCE
 from rovtwin.vehicle.physics.model import Model
@@ -30,20 +32,20 @@ class Allocation(Block):
 
     Attributes:
         thrusters: As the autopilot's model has them.
-        effective: T with each column times the thruster's health, shape (6, n): wrench per force asked for.
-        pseudo_inverse: Of `effective`, weighted, shape (n, 6).
-        lowest: Least force of each thruster [N], shape (n,), before health.
-        highest: Greatest force of each thruster [N], shape (n,), before health.
-        together: Whether two thrusters share an axis, directly or through others, shape (n, n), bool.
+        effective: T with each column times the thruster's health: wrench per force asked for.
+        pseudo_inverse: Of `effective`, weighted.
+        lowest: Least force of each thruster [N], before health.
+        highest: Greatest force of each thruster [N], before health.
+        together: Whether two thrusters share an axis, directly or through others.
         saturation: "scale" or "clip".
     """
 
     thrusters: Thrusters
-    effective: Array
-    pseudo_inverse: Array
-    lowest: Array
-    highest: Array
-    together: Array
+    effective: Configuration
+    pseudo_inverse: Float[Array, "n 6"]
+    lowest: PerThruster
+    highest: PerThruster
+    together: Bool[Array, "n n"]
     saturation: Saturation = eqx.field(static=True, default="scale")
 
     @classmethod
@@ -65,7 +67,7 @@ class Allocation(Block):
         together = as_array(coupled(effective), bool)
         return cls(thrusters, as_array(effective), as_array(inverse), lowest, highest, together, saturation)
 
-    def init(self, key: Array, start: Start) -> tuple[()]:
+    def init(self, key: PRNGKey, start: Start) -> tuple[()]:
         return ()
 
     def step(self, memory: tuple[()], input: AllocationInput, dt: float) -> tuple[tuple[()], Allocated]:
@@ -76,14 +78,14 @@ class Allocation(Block):
         limited = force >= jnp.where(self.pseudo_inverse @ input.tau >= 0, self.highest, -self.lowest)
         return memory, Allocated(command, made, rest, rest, limited)
 
-    def __call__(self, tau: Array) -> tuple[Command, Array]:
+    def __call__(self, tau: Vector6) -> tuple[Command, Vector6]:
         """Command for a desired wrench, and the wrench that it really asks for.
 
         Args:
-            tau: Desired wrench, b at CO [N, N m], shape (6,).
+            tau: Desired wrench, b at CO [N, N m].
 
         Returns:
-            The command, and the wrench that sound thrusters settle at with it, shape (6,).
+            The command, and the wrench that sound thrusters settle at with it.
 
         Reference: Fossen (2021), sec. 11.2.1; thesis 7.1.
         """
@@ -93,7 +95,7 @@ class Allocation(Block):
         force = jnp.clip(force, self.lowest, self.highest)
         return Command(command_for_force(self.thrusters, force)), self.effective @ force
 
-    def _share(self, force: Array) -> Array:
+    def _share(self, force: PerThruster) -> PerThruster:
         """Largest factor of each thruster, at most 1, that brings all that share an axis with it within limits."""
         limit = jnp.where(force >= 0, self.highest, -self.lowest)
         # A thruster that cannot push this way at all is left to the clip: it must not stop the others.
@@ -102,8 +104,8 @@ class Allocation(Block):
         return 1.0 / jnp.maximum(jnp.max(jnp.where(self.together, excess, 0.0), axis=1, initial=0.0), 1.0)
 
 
-def weighted_pseudo_inverse(T: Any, weights: Any = None) -> np.ndarray:
-    """Of T, shape (6, n) -> (n, 6): least-squares wrench, then least weighted sum of squared forces.
+def weighted_pseudo_inverse(T: Any, weights: Any = None) -> Float[np.ndarray, "n 6"]:
+    """Of T, shape (6, n): least-squares wrench, then least weighted sum of squared forces.
 
     Reference: Fossen (2021), eq. 11.26, extended to rank-deficient T by the singular value decomposition.
     """
@@ -114,8 +116,8 @@ def weighted_pseudo_inverse(T: Any, weights: Any = None) -> np.ndarray:
     return np.linalg.pinv(T / root, rcond=RANK_TOLERANCE) / root[:, None]
 
 
-def coupled(T: Any) -> np.ndarray:
-    """Which thrusters of T, shape (6, n), share an axis, directly or through others, shape (n, n), bool."""
+def coupled(T: Any) -> Bool[np.ndarray, "n n"]:
+    """Which thrusters of T, shape (6, n), share an axis, directly or through others."""
     T = np.asarray(T, dtype=float)
     acts = np.abs(T) > RANK_TOLERANCE * np.abs(T).max(initial=0.0)
     linked = (acts.T @ acts) | np.eye(T.shape[1], dtype=bool)

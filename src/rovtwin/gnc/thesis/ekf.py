@@ -16,6 +16,7 @@ and Navigation, sec. 5.2.3 (Joseph form), 5.4 (consistency), ch. 7 (measurements
 """
 
 import equinox as eqx
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.arrays.small_matrices import product, squared_norm
 from rovtwin.core.block import Block, Start
@@ -23,6 +24,7 @@ from rovtwin.core.flow import Command, Estimate, Slot
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import kind_of
+from rovtwin.core.types import Index, PerThruster, PRNGKey, Scalar
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.thesis.ekf_model import discrete_step, state_rate
@@ -37,18 +39,18 @@ class EkfMemory(eqx.Module):
     """Memory of the filter.
 
     Attributes:
-        x: Estimate [eta, nu, b], shape (18,).
-        P: Its covariance, shape (18, 18).
-        thrust: Force of each thruster as the model predicts it [N], shape (n,).
-        ticks: Number of ticks so far, int; time is `ticks * dt`.
-        rejected: Readings beyond the gate in a row, int, by name of the sensors that the tuning knows.
+        x: Estimate [eta, nu, b].
+        P: Its covariance.
+        thrust: Force of each thruster as the model predicts it [N].
+        ticks: Number of ticks so far; time is `ticks * dt`.
+        rejected: Readings beyond the gate in a row, by name of the sensors that the tuning knows.
     """
 
-    x: Array
-    P: Array
-    thrust: Array
-    ticks: Array
-    rejected: dict[str, Array]
+    x: Float[Array, "18"]
+    P: Float[Array, "18 18"]
+    thrust: PerThruster
+    ticks: Index
+    rejected: dict[str, Index]
 
 
 class Ekf(Block):
@@ -65,7 +67,7 @@ class Ekf(Block):
     tuning: EkfTuning
     mounts: dict[str, Mount] = eqx.field(default_factory=dict)
 
-    def init(self, key: Array, start: Start) -> EkfMemory:
+    def init(self, key: PRNGKey, start: Start) -> EkfMemory:
         """At the start, unaware of velocity and disturbance; `key` is not used."""
         eta = jnp.concatenate([start.position, euler_from_quaternion(start.attitude)])
         return EkfMemory(
@@ -94,7 +96,9 @@ class Ekf(Block):
         estimate = Estimate.from_euler(x[:6], x[6:12], x[12:], P[:12, :12], nis, dof)
         return EkfMemory(x, P, thrust, memory.ticks + 1, rejected), estimate
 
-    def _predict(self, memory: EkfMemory, command: Command, dt: float) -> tuple[Array, Array, Array]:
+    def _predict(
+        self, memory: EkfMemory, command: Command, dt: float
+    ) -> tuple[Float[Array, "18"], Float[Array, "18 18"], PerThruster]:
         thrusters, tuning = self.model.thrusters, self.tuning
         target = static_force(thrusters, command.u)
         before = halfway = after = target
@@ -112,12 +116,12 @@ class Ekf(Block):
 
 
 class _Scalars(eqx.Module):
-    """Scalar measurements in order: z of state i with a variance, `used` or not; every field of shape (n,)."""
+    """Scalar measurements in order: z of state i with a variance, `used` or not."""
 
-    i: Array
-    z: Array
-    variance: Array
-    used: Array
+    i: Int[Array, " n"]
+    z: Float[Array, " n"]
+    variance: Float[Array, " n"]
+    used: Bool[Array, " n"]
 
 
 class _Prior(eqx.Module):
@@ -125,23 +129,23 @@ class _Prior(eqx.Module):
 
     Attributes:
         tuning: Of the filter.
-        x: Predicted state, shape (18,).
-        P: Its covariance, shape (18, 18).
-        rate: Its rate of change, shape (18,).
-        previous: Estimate of the tick before, shape (18,).
+        x: Predicted state.
+        P: Its covariance.
+        rate: Its rate of change.
+        previous: Estimate of the tick before.
         now: Time [s].
         dt: Tick [s].
     """
 
     tuning: EkfTuning
-    x: Array
-    P: Array
-    rate: Array
-    previous: Array
-    now: Array
+    x: Float[Array, "18"]
+    P: Float[Array, "18 18"]
+    rate: Float[Array, "18"]
+    previous: Float[Array, "18"]
+    now: Scalar
     dt: float = eqx.field(static=True)
 
-    def innovations(self, name: str, slot: Slot, rejected: Array) -> tuple[_Scalars, Array]:
+    def innovations(self, name: str, slot: Slot, rejected: Index) -> tuple[_Scalars, Index]:
         """Scalar measurements of all readings in a slot, and how many were rejected in a row after them."""
         kind, rows = kind_of(name), slot.valid.shape[0]
         states = STATES[kind]
@@ -162,7 +166,7 @@ class _Prior(eqx.Module):
         i = jnp.tile(jnp.array(states), rows)
         return _Scalars(i, z.reshape(-1), variance.reshape(-1), jnp.repeat(used, len(states))), rejected
 
-    def _now(self, name: str, slot: Slot, here: slice) -> tuple[Array, Array]:
+    def _now(self, name: str, slot: Slot, here: slice) -> tuple[Float[Array, "rows n"], Float[Array, "rows n"]]:
         """Readings moved on by the state's rate from when they were taken to now, and their variance; (capacity, n)."""
         R = self.tuning.variance_of(name)
         if kind_of(name) == "accelerometer":
@@ -173,8 +177,8 @@ class _Prior(eqx.Module):
 
 
 def _update(
-    x: Array, P: Array, batches: list[tuple[str, _Scalars]], names: list[str]
-) -> tuple[Array, Array, Array, Array]:
+    x: Float[Array, "18"], P: Float[Array, "18 18"], batches: list[tuple[str, _Scalars]], names: list[str]
+) -> tuple[Float[Array, "18"], Float[Array, "18 18"], Float[Array, " sensors"], Float[Array, " sensors"]]:
     """x and P after all measurements; NIS and number of innovations per sensor in the order of `names`."""
     nothing = jnp.zeros(())
     nis, dof = dict.fromkeys(names, nothing), dict.fromkeys(names, nothing)
@@ -190,7 +194,9 @@ def _update(
     return x, P, _vector([nis[name] for name in names]), _vector([dof[name] for name in names])
 
 
-def _scalar_update(x: Array, P: Array, one: _Scalars) -> tuple[tuple[Array, Array], Array]:
+def _scalar_update(
+    x: Float[Array, "18"], P: Float[Array, "18 18"], one: _Scalars
+) -> tuple[tuple[Float[Array, "18"], Float[Array, "18 18"]], Scalar]:
     """Kalman update by one scalar measurement of one state; x, P and its squared normalised innovation.
 
     Joseph form (I - K h) P (I - K h)' + K R K', multiplied out for a row h that picks one state: symmetric, and
@@ -206,5 +212,5 @@ def _scalar_update(x: Array, P: Array, one: _Scalars) -> tuple[tuple[Array, Arra
     return (x, P), jnp.where(one.used, innovation * innovation / S, 0.0)
 
 
-def _vector(values: list[Array]) -> Array:
+def _vector(values: list[Scalar]) -> Float[Array, " sensors"]:
     return jnp.stack(values) if values else jnp.zeros(0)

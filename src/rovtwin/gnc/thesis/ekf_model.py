@@ -15,9 +15,12 @@ keeps away from it.
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2, 6 and 8.
 """
 
+from jaxtyping import Float
+
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import cross, euler_rate_matrix, rotation_from_euler
 from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.types import Matrix3, Vector3, Vector6
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.physics.linearisation import coriolis_jacobian, damping_jacobian, restoring_jacobian
 from rovtwin.vehicle.physics.model import Model
@@ -25,14 +28,14 @@ from rovtwin.vehicle.physics.model import Model
 STATES = 18
 
 
-def state_rate(model: Model, x: Array, tau: Array, bias_decay: Array) -> Array:
-    """f(x, tau), shape (18,).
+def state_rate(model: Model, x: Float[Array, "18"], tau: Vector6, bias_decay: Vector6) -> Float[Array, "18"]:
+    """f(x, tau).
 
     Args:
         model: The vehicle.
-        x: State [eta, nu, b], shape (18,).
-        tau: Wrench of the thrusters, b at CO [N, N m], shape (6,).
-        bias_decay: 1 / T_b [1/s], shape (6,); 0 is a random walk.
+        x: State [eta, nu, b].
+        tau: Wrench of the thrusters, b at CO [N, N m].
+        bias_decay: 1 / T_b [1/s]; 0 is a random walk.
     """
     euler, nu, b = x[3:6], x[6:12], x[12:]
     R_nb = rotation_from_euler(euler)
@@ -48,8 +51,8 @@ def state_rate(model: Model, x: Array, tau: Array, bias_decay: Array) -> Array:
     return jnp.concatenate(rates)
 
 
-def state_jacobian(model: Model, x: Array, bias_decay: Array) -> Array:
-    """F = df/dx, shape (18, 18); tau enters f linearly and leaves no trace in it.
+def state_jacobian(model: Model, x: Float[Array, "18"], bias_decay: Vector6) -> Float[Array, "18 18"]:
+    """F = df/dx; tau enters f linearly and leaves no trace in it.
 
     The slope of a learned discrepancy is left out here; the error-state filter (`gnc.navigation`) has it.
     """
@@ -76,19 +79,19 @@ def state_jacobian(model: Model, x: Array, bias_decay: Array) -> Array:
     )
 
 
-def _angle_axes(euler: Array, R_nb: Array) -> tuple[Array, Array, Array]:
+def _angle_axes(euler: Vector3, R_nb: Matrix3) -> tuple[Vector3, Vector3, Vector3]:
     """Axes in n about which phi, theta and psi turn: dR_nb/dphi = S(axis) R_nb and so on."""
     zero, one = jnp.zeros_like(euler[0]), jnp.ones_like(euler[0])
     return R_nb[:, 0], jnp.array([-jnp.sin(euler[2]), jnp.cos(euler[2]), zero]), jnp.array([zero, zero, one])
 
 
-def _down_rate(axis: Array, R_nb: Array) -> Array:
+def _down_rate(axis: Vector3, R_nb: Matrix3) -> Vector3:
     """Derivative of the direction of gravity seen in b, R_nb^T e_z, as R_nb turns about an axis in n."""
     return R_nb.T @ jnp.array([-axis[1], axis[0], jnp.zeros_like(axis[0])])
 
 
-def _euler_rate_slope(euler: Array, omega: Array) -> Array:
-    """d(T(Theta) omega)/dTheta, shape (3, 3)."""
+def _euler_rate_slope(euler: Vector3, omega: Vector3) -> Matrix3:
+    """d(T(Theta) omega)/dTheta."""
     sf, cf, ct, tt = jnp.sin(euler[0]), jnp.cos(euler[0]), jnp.cos(euler[1]), jnp.tan(euler[1])
     zero = jnp.zeros_like(sf)
     along, across = cf * omega[1] - sf * omega[2], sf * omega[1] + cf * omega[2]
@@ -102,19 +105,19 @@ def _euler_rate_slope(euler: Array, omega: Array) -> Array:
 
 
 def discrete_step(
-    model: Model, x: Array, tau: Array, tau_middle: Array, bias_decay: Array, dt: float
-) -> tuple[Array, Array]:
-    """f_k(x) by the midpoint rule, shape (18,), and the transition matrix of half the step, shape (18, 18).
+    model: Model, x: Float[Array, "18"], tau: Vector6, tau_middle: Vector6, bias_decay: Vector6, dt: float
+) -> tuple[Float[Array, "18"], Float[Array, "18 18"]]:
+    """f_k(x) by the midpoint rule, and the transition matrix of half the step.
 
     Phi = df_k/dx is the half step's matrix twice, to second order in dt; the thesis's (2.42) differentiates the already
     discrete f_k inside I + T df_k/dx, which counts the identity twice.
 
     Args:
         model: The vehicle.
-        x: State at the start of the step, shape (18,).
-        tau: Wrench at the start of the step, shape (6,).
-        tau_middle: Wrench half a step later, shape (6,).
-        bias_decay: 1 / T_b [1/s], shape (6,).
+        x: State at the start of the step.
+        tau: Wrench at the start of the step.
+        tau_middle: Wrench half a step later.
+        bias_decay: 1 / T_b [1/s].
         dt: Step [s].
     """
     middle = x + 0.5 * dt * state_rate(model, x, tau, bias_decay)

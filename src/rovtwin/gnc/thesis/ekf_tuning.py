@@ -4,10 +4,12 @@ from collections.abc import Mapping
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array
 from rovtwin.core.sensors import SENSORS, kind_of
+from rovtwin.core.types import Scalar, Vector6
 
 STATES: dict[str, tuple[int, ...]] = {
     "accelerometer": (6, 7, 8),
@@ -32,11 +34,11 @@ class EkfTuning(eqx.Module):
     Attributes:
         measurement_variance: R of each sensor by name, one number for all its axes; sensors that are not named are
             left out.
-        process_variance: Intensity of the white noise that drives each of [eta, nu, b], shape (18,) [unit^2/s]: the
-            random walk of the disturbance in b, unmodelled acceleration in nu. (2.38) of the thesis has it in the
-            rows of nu alone, so that its b never learns.
-        initial_variance: Diagonal of P0, shape (18,).
-        bias_decay: 1 / T_b of (2.36) [1/s], shape (6,); 0 is a random walk.
+        process_variance: Intensity of the white noise that drives each of [eta, nu, b] [unit^2/s]: the random walk of
+            the disturbance in b, unmodelled acceleration in nu. (2.38) of the thesis has it in the rows of nu alone, so
+            that its b never learns.
+        initial_variance: Diagonal of P0.
+        bias_decay: 1 / T_b of (2.36) [1/s]; 0 is a random walk.
         thrust_noise: White noise of each thruster's force as a share of the force [sqrt(s)].
         gate: By sensor name, the squared normalised innovation (summed over the axes) beyond which a reading counts
             as an outlier; sensors that are not named are not gated.
@@ -47,13 +49,13 @@ class EkfTuning(eqx.Module):
         thruster_lag: Whether the force follows the command through the thrusters' lag.
     """
 
-    measurement_variance: dict[str, Array]
-    process_variance: Array = eqx.field(converter=as_array)
-    initial_variance: Array = eqx.field(converter=as_array)
-    bias_decay: Array = eqx.field(converter=as_array)
-    thrust_noise: Array = eqx.field(converter=as_array)
-    gate: dict[str, Array]
-    max_age: Array = eqx.field(converter=as_array)
+    measurement_variance: dict[str, Scalar]
+    process_variance: Float[Array, "18"] = eqx.field(converter=as_array)
+    initial_variance: Float[Array, "18"] = eqx.field(converter=as_array)
+    bias_decay: Vector6 = eqx.field(converter=as_array)
+    thrust_noise: Scalar = eqx.field(converter=as_array)
+    gate: dict[str, Scalar]
+    max_age: Scalar = eqx.field(converter=as_array)
     patience: int = eqx.field(static=True)
     pseudo_velocity: bool = eqx.field(static=True)
     thruster_lag: bool = eqx.field(static=True)
@@ -63,7 +65,7 @@ class EkfTuning(eqx.Module):
         kind = kind_of(name)
         return kind in self.measurement_variance and (kind != "accelerometer" or self.pseudo_velocity)
 
-    def variance_of(self, name: str) -> Array:
+    def variance_of(self, name: str) -> Scalar:
         """R of a sensor; of one of several of a kind, its own or else that of the kind."""
         return self.measurement_variance.get(name, self.measurement_variance[kind_of(name)])
 
@@ -168,7 +170,7 @@ class EkfTuning(eqx.Module):
         )
 
 
-def _initial_variance(initial_force: float) -> Array:
+def _initial_variance(initial_force: float) -> Float[Array, "18"]:
     """P0: the place is known to decimetres, velocity and disturbance are not."""
     pose = [0.1, 0.1, 0.02, 0.01, 0.01, 0.01]
     rates = [0.05] * 3 + [0.02] * 3

@@ -10,6 +10,7 @@ Reference: thesis 2.14 and 7.4; Fossen (2021), sec. 12.4.
 import dataclasses
 
 import equinox as eqx
+from jaxtyping import Shaped
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import (
@@ -27,6 +28,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Flag, Index, PRNGKey, Scalar, Vector2, Vector3, Vector6
 from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, GuidanceInput, Mode
 
 
@@ -34,22 +36,22 @@ class GuidanceMemory(eqx.Module):
     """What guidance remembers.
 
     Attributes:
-        phase: IDLE before the start, then DIVE, TURN, GO, HOLD or FINISHED, int.
-        ticks: Ticks in this phase, int.
-        waypoint: Index of the way-point aimed at, int.
-        first: Whether the first dive is still to be completed, bool.
-        leg_start: Where the current leg starts, horizontally [m], shape (2,).
-        eta: Last set-point, shape (6,).
-        paused: Whether the last tick was paused, bool.
+        phase: IDLE before the start, then DIVE, TURN, GO, HOLD or FINISHED.
+        ticks: Ticks in this phase.
+        waypoint: Index of the way-point aimed at.
+        first: Whether the first dive is still to be completed.
+        leg_start: Where the current leg starts, horizontally [m].
+        eta: Last set-point.
+        paused: Whether the last tick was paused.
     """
 
-    phase: Array
-    ticks: Array
-    waypoint: Array
-    first: Array
-    leg_start: Array
-    eta: Array
-    paused: Array
+    phase: Index
+    ticks: Index
+    waypoint: Index
+    first: Flag
+    leg_start: Vector2
+    eta: Vector6
+    paused: Flag
 
 
 class Guidance(Block):
@@ -65,11 +67,11 @@ class Guidance(Block):
         heading_tolerance: Heading error at which a turn is complete [rad].
     """
 
-    look_ahead: Array = eqx.field(converter=as_array, default=2.0)
-    depth_tolerance: Array = eqx.field(converter=as_array, default=0.1)
-    heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
+    look_ahead: Scalar = eqx.field(converter=as_array, default=2.0)
+    depth_tolerance: Scalar = eqx.field(converter=as_array, default=0.1)
+    heading_tolerance: Scalar = eqx.field(converter=as_array, default=0.1)
 
-    def init(self, key: Array, start: Start) -> GuidanceMemory:
+    def init(self, key: PRNGKey, start: Start) -> GuidanceMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
         heading = euler_from_quaternion(start.attitude)[2]
         eta = _level(start.position, heading)
@@ -91,8 +93,8 @@ class Guidance(Block):
         after = jax.tree.map(lambda new, old: jnp.where(running, new, old), after, memory)
         return _with(after, eta=eta, paused=mode == MODE_PAUSED), _setpoint(memory, leg, input.mode, eta)
 
-    def _pursue(self, memory: GuidanceMemory, estimate: Estimate, leg: "_Leg") -> Array:
-        """Set-point of the current phase, shape (6,)."""
+    def _pursue(self, memory: GuidanceMemory, estimate: Estimate, leg: "_Leg") -> Vector6:
+        """Set-point of the current phase."""
         phase, behind = memory.phase, estimate.position[:2] - memory.leg_start
         # Cross-track error and the heading that brings it to zero: thesis 2.44, 2.45.
         e = -behind[0] * jnp.sin(leg.alpha) + behind[1] * jnp.cos(leg.alpha)
@@ -136,20 +138,20 @@ class _Leg(eqx.Module):
     """The way-point aimed at and the way to it.
 
     Attributes:
-        end: Its position [m], shape (3,).
+        end: Its position [m].
         speed, acceptance, hold_time: As in the mission.
         alpha: Direction of the leg [rad], thesis 2.43; of a leg too short to have one, the last heading.
         heading: To turn to before going [rad].
-        steered: Whether the line of sight gives the heading on the way, bool.
+        steered: Whether the line of sight gives the heading on the way.
     """
 
-    end: Array
-    speed: Array
-    acceptance: Array
-    hold_time: Array
-    alpha: Array
-    heading: Array
-    steered: Array
+    end: Vector3
+    speed: Scalar
+    acceptance: Scalar
+    hold_time: Scalar
+    alpha: Scalar
+    heading: Scalar
+    steered: Flag
 
 
 def _leg(memory: GuidanceMemory, mission: Mission) -> _Leg:
@@ -164,7 +166,7 @@ def _leg(memory: GuidanceMemory, mission: Mission) -> _Leg:
     return _Leg(to.position, to.speed, to.acceptance, to.hold_time, alpha, heading, steered)
 
 
-def _begin(memory: GuidanceMemory, estimate: Estimate, running: Array) -> GuidanceMemory:
+def _begin(memory: GuidanceMemory, estimate: Estimate, running: Flag) -> GuidanceMemory:
     """The first running tick starts the first dive from where the vehicle is."""
     begin = running & (memory.phase == IDLE)
     here = _here(estimate)
@@ -176,7 +178,7 @@ def _begin(memory: GuidanceMemory, estimate: Estimate, running: Array) -> Guidan
     )
 
 
-def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Array) -> Setpoint:
+def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Vector6) -> Setpoint:
     phase = jnp.where(mode.mode == MODE_PAUSED, PAUSED, jnp.where(mode.mode == MODE_IDLE, IDLE, memory.phase))
     # A finished mission stays finished, whatever the operator asks for but an abort.
     phase = jnp.where(memory.phase == FINISHED, FINISHED, phase)
@@ -191,16 +193,16 @@ def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Array) -> Setp
     return Setpoint.level(eta[:3], eta[5], nu, start, leg.end, going, memory.waypoint, phase, mode.reason)
 
 
-def _here(estimate: Estimate) -> Array:
+def _here(estimate: Estimate) -> Vector6:
     """Where the vehicle is, level."""
     return _level(estimate.position, estimate.eta[5])
 
 
-def _level(position: Array, heading: Array) -> Array:
-    """eta, shape (6,), level at a position (3,) and heading."""
+def _level(position: Vector3, heading: Scalar) -> Vector6:
+    """eta, level at a position and heading."""
     zero = jnp.zeros_like(heading)
     return jnp.concatenate([position, jnp.stack([zero, zero, heading])])
 
 
-def _with(memory: GuidanceMemory, **changes: Array) -> GuidanceMemory:
+def _with(memory: GuidanceMemory, **changes: Shaped[Array, "..."]) -> GuidanceMemory:
     return dataclasses.replace(memory, **changes)

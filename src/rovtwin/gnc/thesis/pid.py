@@ -15,7 +15,8 @@ from rovtwin.core.arrays.filters import integrated
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
 from rovtwin.core.frames import body_rates_from_euler_rates, wrap
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.types import PRNGKey, Vector6
 from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
 from rovtwin.vehicle.physics.linearisation import damping_jacobian, restoring_stiffness
@@ -23,29 +24,29 @@ from rovtwin.vehicle.physics.model import Model
 
 
 class Pid(Block):
-    """Six decoupled PIDs, one per axis of b; memory is the integral term [N, N m], shape (6,).
+    """Six decoupled PIDs, one per axis of b; memory is the integral term [N, N m].
 
     Anti-windup: an axis does not integrate in the direction in which it is already cut short, by its own limit
     or by the allocation.
 
     Attributes:
-        K_p: Shape (6,) [N/m, N m/rad].
-        K_i: Shape (6,) [N/(m s), N m/(rad s)].
-        K_d: Shape (6,) [N s/m, N m s/rad].
-        lower: Least output, shape (6,) [N, N m].
-        upper: Greatest output, shape (6,) [N, N m].
+        K_p: Of the pose error [N/m, N m/rad].
+        K_i: Of its integral [N/(m s), N m/(rad s)].
+        K_d: Of its rate [N s/m, N m s/rad].
+        lower: Least output [N, N m].
+        upper: Greatest output [N, N m].
     """
 
-    K_p: Array = eqx.field(converter=as_array)
-    K_i: Array = eqx.field(converter=as_array)
-    K_d: Array = eqx.field(converter=as_array)
-    lower: Array = eqx.field(converter=as_array)
-    upper: Array = eqx.field(converter=as_array)
+    K_p: Vector6 = eqx.field(converter=as_array)
+    K_i: Vector6 = eqx.field(converter=as_array)
+    K_d: Vector6 = eqx.field(converter=as_array)
+    lower: Vector6 = eqx.field(converter=as_array)
+    upper: Vector6 = eqx.field(converter=as_array)
 
-    def init(self, key: Array, start: Start) -> Array:
+    def init(self, key: PRNGKey, start: Start) -> Vector6:
         return jnp.zeros(6)
 
-    def step(self, memory: Array, input: ControlInput, dt: float) -> tuple[Array, Wrench]:
+    def step(self, memory: Vector6, input: ControlInput, dt: float) -> tuple[Vector6, Wrench]:
         e, e_dot = body_error(input.estimate, input.reference)
         growth = self.K_i * e * dt
         unlimited = self.K_p * e + memory + growth + self.K_d * e_dot
@@ -114,8 +115,8 @@ class Pid(Block):
         )
 
 
-def body_error(estimate: Estimate, reference: Reference) -> tuple[Array, Array]:
-    """Pose error seen from b and its rate, shapes (6,): J^-1 (eta_ref - eta), wrapped, and J^-1 eta_ref_dot - nu."""
+def body_error(estimate: Estimate, reference: Reference) -> tuple[Vector6, Vector6]:
+    """Pose error seen from b and its rate: J^-1 (eta_ref - eta), wrapped, and J^-1 eta_ref_dot - nu."""
     eta, eta_dot = estimate.eta, reference.eta_dot
     R_bn, W = estimate.R_nb.T, body_rates_from_euler_rates(eta[3:])
     away = reference.eta - eta
@@ -124,12 +125,12 @@ def body_error(estimate: Estimate, reference: Reference) -> tuple[Array, Array]:
     return e, nu_ref - estimate.nu
 
 
-def linearised_damping(model: Model, speed: Any = 0.0) -> Array:
-    """Slope of the damping of each axis at a speed, mean of ahead and astern, shape (6,) [N s/m, N m s/rad]."""
+def linearised_damping(model: Model, speed: Any = 0.0) -> Vector6:
+    """Slope of the damping of each axis at a speed, mean of ahead and astern [N s/m, N m s/rad]."""
     nu = jnp.broadcast_to(as_array(speed), 6)
     return 0.5 * jnp.diagonal(damping_jacobian(model, nu) + damping_jacobian(model, -nu))
 
 
-def _limits(model: Model) -> dict[str, Array]:
+def _limits(model: Model) -> dict[str, Vector6]:
     lower, upper = wrench_limits(model.thrusters)
     return {"lower": lower, "upper": upper}
