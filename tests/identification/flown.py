@@ -70,7 +70,7 @@ def fly(name, kind="multisine", seed=0, duration=60.0, sensors=tuple(SENSORS), p
     u = commands(kind, model.thrusters.count, rng, duration)
     done = u if plant is None else plant(u)
     start = State(as_array([0.0, 0, 30]), as_array([1.0, 0, 0, 0]), jnp.zeros(6), jnp.zeros(u.shape[1]))
-    states = _rollout(model, start, Command(as_array(done)), Environment.calm(), dt=STEP)
+    states = _rollout(model, start, jax.vmap(Command)(as_array(done)), Environment.calm(), dt=STEP)
     q = np.asarray(states.attitude)
     w, x, y, z = q.T
     R = np.array(

@@ -33,7 +33,7 @@ RATE = {
 
 @jax.jit
 def _simulate(model, state, commands):
-    return rollout(model, state, Command(commands), Environment.calm(), STEP)
+    return rollout(model, state, jax.vmap(Command)(commands), Environment.calm(), STEP)
 
 
 def steps_command(vehicle, seed, duration, hold=2.0, names=None):

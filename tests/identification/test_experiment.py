@@ -38,7 +38,7 @@ def chosen(vehicle, *patterns):
 def path(model, start, command):
     """What the sensors see at the grid points, by signal, and states; `start` is position, Euler angles and nu."""
     state = State(start[:3], quaternion_from_euler(start[3:6]), start[6:], jnp.zeros(model.thrusters.count))
-    steps = rollout(model, state, Command(command), Environment.calm(), STEP)
+    steps = rollout(model, state, jax.vmap(Command)(command), Environment.calm(), STEP)
     whole = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, steps)
     euler = jax.vmap(euler_from_quaternion)(whole.attitude)
     seen = {

@@ -52,7 +52,7 @@ def flight(dof: str, psi: float = 0.6) -> tuple[np.ndarray, np.ndarray, np.ndarr
     steps, rest = int(PUSH / DT), int(PAUSE / DT)
     start = Start(as_array([0.0, 0, 20]), quaternion_from_euler(as_array([0.0, 0, psi])), as_array(np.zeros(6)))
     vehicle = model()  # not within the trace: a description is read on the host
-    run = jax.jit(lambda u: rollout(vehicle, State.at(vehicle, start), Command(u), Environment.calm(), DT))
+    run = jax.jit(lambda u: rollout(vehicle, State.at(vehicle, start), jax.vmap(Command)(u), Environment.calm(), DT))
     positions, angles, commands, origin = [], [], [], np.zeros(3)
     for level in LEVELS[dof]:
         u = np.zeros((steps + rest, 6))

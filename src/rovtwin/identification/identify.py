@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.cross_validation import CrossValidation
@@ -254,11 +255,11 @@ def step_in_words(number: int, most: int, change: float, seconds: float) -> str:
 
 def _predicted(
     parameters: Parameters,
-    theta: np.ndarray,
+    theta: Float[np.ndarray, " n"],
     records: Sequence[Record],
     validate: Sequence[Record],
     settings: Options,
-    offsets: dict[str, np.ndarray] | None = None,
+    offsets: dict[str, Float[np.ndarray, " _"]] | None = None,
 ) -> tuple[list[Prediction], list[Prediction]]:
     """Fitted and held-out records from their first state, and windows of the latter where that was asked for."""
     whole = predict(parameters, theta, [*records, *validate], None, settings.step, offsets)

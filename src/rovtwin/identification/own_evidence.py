@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from numpy.typing import ArrayLike
 from pydantic import ConfigDict
 
@@ -27,8 +27,8 @@ class OwnEvidence(Strict):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    def predict(self, model: Model) -> Array:
-        """What the model says of it, shape (k,) or a number; JAX, differentiable in all arrays of the model."""
+    def predict(self, model: Model) -> Float[Array, " k"]:
+        """What the model says of it, an array or a number; JAX, differentiable in all arrays of the model."""
         raise NotImplementedError(f"{type(self).__name__}.predict")
 
     def measured(self) -> ArrayLike:
@@ -60,14 +60,14 @@ def found_kind(kind: Any, settings: Mapping[str, Any], where: str) -> OwnEvidenc
 def numbers_of(
     evidence: OwnEvidence, model: Model, where: str
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """What was measured and its standard deviation, shapes (k,), once a model has shown that all fits together.
+    """What was measured and its standard deviation, once a model has shown that all fits together.
 
     Raises:
         IdentificationError: Code of somebody else fails, or what it gives has another shape or is no number.
     """
     name = type(evidence).__name__
 
-    def asked(method: str, *given: Any) -> np.ndarray:
+    def asked(method: str, *given: Any) -> Shaped[np.ndarray, "..."]:
         try:
             found = np.atleast_1d(np.asarray(getattr(evidence, method)(*given), dtype=float))
         except Exception as error:  # of somebody else's code: anything
@@ -106,7 +106,7 @@ def require_differentiable(
     """
     name = type(evidence).__name__
 
-    def value(theta: Array) -> Array:
+    def value(theta: Float[Array, " n"]) -> Float[Array, "..."]:
         return predicted(evidence, model_at(theta))
 
     try:
@@ -124,7 +124,7 @@ def require_differentiable(
 
 
 def predicted(evidence: OwnEvidence, model: Model) -> Float[Array, " k"]:
-    """What a model says of it, shape (k,), also while it is traced."""
+    """What a model says of it, also while it is traced."""
     return jnp.atleast_1d(jnp.asarray(evidence.predict(model), float))
 
 

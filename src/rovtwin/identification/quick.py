@@ -12,6 +12,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.identify import parameters_and_prior
 from rovtwin.identification.joint.model.gaussian import Gaussian
@@ -37,14 +38,14 @@ class QuickEstimate:
     Attributes:
         parameters: The free ones.
         prior: What was known before.
-        theta, covariance: The estimate, shapes (n,) and (n, n); the prior's where too little was seen.
+        theta, covariance: The estimate; the prior's where too little was seen.
         changes: Changes of velocity that it rests on, all components counted.
     """
 
     parameters: Parameters
     prior: Gaussian
-    theta: np.ndarray
-    covariance: np.ndarray
+    theta: Float[np.ndarray, " n"]
+    covariance: Float[np.ndarray, "n n"]
     changes: int
 
     def rows(self) -> list[dict[str, Any]]:

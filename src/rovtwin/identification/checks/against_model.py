@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.identification.checks.clocks import LAGS, all_behind, slipped_rows
 from rovtwin.identification.checks.findings import Finding
@@ -29,7 +30,7 @@ class Suspect:
     where: str
     text: str
     fix: str
-    rows: np.ndarray
+    rows: Float[np.ndarray, "a n"]
 
 
 def check_response(model: Model, motion: Motion) -> list[Finding]:
@@ -64,7 +65,7 @@ def _check_response(model: Model, motion: Motion) -> list[Finding]:
     return found + ([] if wrong else _cut_off(model, motion, regression, lag, judged))
 
 
-def _pushed(answer: Response) -> np.ndarray:
+def _pushed(answer: Response) -> Bool[np.ndarray, " a"]:
     """Axes on which the expected forces act at all."""
     size = np.einsum("an,anm,am->a", answer.expected, answer.gram, answer.expected)
     return size > 1e-6 * np.einsum("an,ann->a", answer.expected**2, answer.gram) + 1e-12
@@ -96,13 +97,13 @@ def _late(model: Model, motion: Motion, regression: Regression) -> tuple[float, 
     return lag, [all_behind(motion.record, lag, shares, rows)]
 
 
-def _total(answer: Response, rows: np.ndarray, judged: np.ndarray) -> float:
+def _total(answer: Response, rows: Float[np.ndarray, "a n"], judged: Bool[np.ndarray, " a"]) -> float:
     """Mean share of what can be explained that these rows explain, with positive gains only."""
     share, gain = answer.explained(rows)
     return float(np.mean(np.where(gain > 0, share, 0.0)[judged] / answer.explainable[judged]))
 
 
-def _mistaken(answer: Response, judged: np.ndarray, thrusters: int) -> list[Finding]:
+def _mistaken(answer: Response, judged: Bool[np.ndarray, " a"], thrusters: int) -> list[Finding]:
     """The one mistake that explains the motion much better than none; the simpler one where two do equally."""
     now = _total(answer, answer.expected, judged)
     if now > 1.0 - BETTER:
@@ -121,7 +122,7 @@ def _mistaken(answer: Response, judged: np.ndarray, thrusters: int) -> list[Find
     return [Finding("error", best.what, best.where, text, best.fix)]
 
 
-def _suspects(answer: Response, judged: np.ndarray, thrusters: int) -> Iterator[Suspect]:
+def _suspects(answer: Response, judged: Bool[np.ndarray, " a"], thrusters: int) -> Iterator[Suspect]:
     rows, axes = answer.expected, [AXES[i] for i in answer.axes]
     if judged.sum() > 1:  # one axis alone is a sign of its own
         yield Suspect("sign", "commands", "all commands have the wrong sign", "Turn their sign.", -rows)
@@ -154,7 +155,7 @@ def _suspects(answer: Response, judged: np.ndarray, thrusters: int) -> Iterator[
         yield Suspect("swapped", f"thrusters {k + 1}, {i + 1}", text, "Put the columns in order.", rows[:, order])
 
 
-def _slips(answer: Response, judged: np.ndarray) -> list[Finding]:
+def _slips(answer: Response, judged: Bool[np.ndarray, " a"]) -> list[Finding]:
     """Accelerations too large or too small by a slip of units; no model is wrong by that much."""
     gain, angular = np.abs(answer.explained(answer.expected)[1]), np.array(answer.axes) > 2
     found = []
@@ -171,7 +172,9 @@ def _slips(answer: Response, judged: np.ndarray) -> list[Finding]:
     return found
 
 
-def _cut_off(model: Model, motion: Motion, regression: Regression, lag: float, judged: np.ndarray) -> list[Finding]:
+def _cut_off(
+    model: Model, motion: Motion, regression: Regression, lag: float, judged: Bool[np.ndarray, " a"]
+) -> list[Finding]:
     """Thrust that stops growing below the largest command: forces of cut commands explain the motion far better."""
 
     def unexplained(shape: float | None, limit: float = np.inf) -> float:

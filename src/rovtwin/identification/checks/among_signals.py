@@ -6,6 +6,7 @@ No model is needed but to tell which of two signals is late.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from rovtwin.core.arrays.rotations import wrapped
@@ -23,20 +24,20 @@ SLIPS = {57.3: "degrees", 1000.0: "millimetres", 100.0: "units", 9.81: "units"}
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """The same quantities from two signals: `names`, values a and b, shape (m, k), and how noisy each is, shape (k,).
+    """The same quantities from two signals: `names`, values a and b, and how noisy each is.
 
     `in_world` is what b would be in n, where a mistake of a's frame would leave it; `from_body` is a in n, and
-    `rotation` is R_nb, through which they are compared, shape (m, 3, 3).
+    `rotation` is R_nb, through which they are compared.
     """
 
     names: tuple[str, str]
     axes: tuple[str, ...]
-    a: np.ndarray
-    b: np.ndarray
-    noise: tuple[np.ndarray, np.ndarray]
-    in_world: np.ndarray | None = None
-    from_body: np.ndarray | None = None
-    rotation: np.ndarray | None = None
+    a: Float[np.ndarray, "m k"]
+    b: Float[np.ndarray, "m k"]
+    noise: tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
+    in_world: Float[np.ndarray, "m k"] | None = None
+    from_body: Float[np.ndarray, "m k"] | None = None
+    rotation: Float[np.ndarray, "m 3 3"] | None = None
 
 
 def pairs(motion: Motion) -> list[Pair]:
@@ -75,8 +76,8 @@ def _pairs_of_depth(motion: Motion) -> list[Pair]:
     return found
 
 
-def _noise(motion: Motion, name: str, of_rate: bool) -> np.ndarray:
-    """Standard deviation that noise of the readings leaves in the smoothed value or in its rate, shape (k,)."""
+def _noise(motion: Motion, name: str, of_rate: bool) -> Float[np.ndarray, " k"]:
+    """Standard deviation that noise of the readings leaves in the smoothed value or in its rate."""
     signal, known = motion.record.signals[name], motion.values(name)
     assert known is not None
     at = np.clip(np.round((signal.t - motion.t[0]) / STEP).astype(int), 0, len(motion.t) - 1)
@@ -126,7 +127,9 @@ def lag_of(pair: Pair) -> Lag | None:
     return Lag(late, against, lag) if abs(lag) > SMALLEST_LAG and gained > 0.1 else None
 
 
-def _rotation_late(a: np.ndarray, in_world: np.ndarray, R: np.ndarray) -> tuple[float, float, float]:
+def _rotation_late(
+    a: Float[np.ndarray, "m 3"], in_world: Float[np.ndarray, "m 3"], R: Float[np.ndarray, "m 3 3"]
+) -> tuple[float, float, float]:
     """By how much R_nb is late against a in b and the same in n [s]; how much better they agree then, and how well."""
     agreement, steps = [], _steps(len(a))
     for step in steps:
@@ -142,17 +145,17 @@ def _rotation_late(a: np.ndarray, in_world: np.ndarray, R: np.ndarray) -> tuple[
     return float(steps[best] * STEP), agreement[best] - agreement[int(np.argmin(np.abs(steps)))], agreement[best]
 
 
-def _steps(length: int) -> np.ndarray:
+def _steps(length: int) -> Int[np.ndarray, " lags"]:
     """Lags that are tried, in steps of the grid."""
     steps = np.arange(-int(LONGEST_LAG / STEP), int(LONGEST_LAG / STEP) + 1, 2)
     return steps[np.abs(steps) < length // 3]
 
 
-def _both(pair: Pair) -> np.ndarray:
+def _both(pair: Pair) -> Bool[np.ndarray, " m"]:
     return np.asarray(np.isfinite(np.column_stack([pair.a, pair.b])).all(axis=1))
 
 
-def _check(pair: Pair, good: np.ndarray) -> list[Finding]:
+def _check(pair: Pair, good: Bool[np.ndarray, " m"]) -> list[Finding]:
     a, b = pair.a[good] - pair.a[good].mean(axis=0), pair.b[good] - pair.b[good].mean(axis=0)
     if pair.in_world is not None and _agreement(a, pair.in_world[good]) > 0.8 > _agreement(a, b) + 0.1:
         text = "velocity is the rate of position in n; expected it in b, forward, right, down."
@@ -163,12 +166,12 @@ def _check(pair: Pair, good: np.ndarray) -> list[Finding]:
     return _swapped(pair, alike, seen) or _signs(pair, alike, seen) or _sizes(pair, alike, seen, size_a, size_b)
 
 
-def _agreement(a: np.ndarray, b: np.ndarray) -> float:
+def _agreement(a: Float[np.ndarray, "*axes"], b: Float[np.ndarray, "*axes"]) -> float:
     """Share of a that is b, 1 where they are equal."""
     return 1.0 - float(((a - b + b.mean(axis=0)) ** 2).sum() / max((a**2).sum(), 1e-12))
 
 
-def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
+def best_lag(a: Float[np.ndarray, "m k"], b: Float[np.ndarray, "m k"]) -> tuple[float, float, float]:
     """By how much a is late against b [s], whatever axes and signs, how much better they agree there, and how well.
 
     Agreement at a lag is the share of a's power that the columns of b explain together.
@@ -186,7 +189,7 @@ def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
     return float(steps[best] * STEP), most - float(agreement[int(np.argmin(np.abs(steps)))]), most
 
 
-def _swapped(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
+def _swapped(pair: Pair, alike: Float[np.ndarray, "k k"], seen: Bool[np.ndarray, " k"]) -> list[Finding]:
     if len(pair.axes) < 2 or seen.sum() < 2:
         return []
     rows, columns = linear_sum_assignment(-np.abs(alike))
@@ -201,7 +204,7 @@ def _swapped(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
     return []
 
 
-def _signs(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
+def _signs(pair: Pair, alike: Float[np.ndarray, "k k"], seen: Bool[np.ndarray, " k"]) -> list[Finding]:
     own = np.diag(alike)
     wrong = [i for i in range(len(own)) if seen[i] and own[i] < -0.6]
     if not wrong:
@@ -217,7 +220,13 @@ def _signs(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
     return [Finding("error", "sign", first, text, "Check frame and mounting_deg of both.")]
 
 
-def _sizes(pair: Pair, alike: np.ndarray, seen: np.ndarray, size_a: np.ndarray, size_b: np.ndarray) -> list[Finding]:
+def _sizes(
+    pair: Pair,
+    alike: Float[np.ndarray, "k k"],
+    seen: Bool[np.ndarray, " k"],
+    size_a: Float[np.ndarray, " k"],
+    size_b: Float[np.ndarray, " k"],
+) -> list[Finding]:
     own, found = np.diag(alike), []
     first, second = pair.names
     ratio = size_a / np.maximum(size_b, 1e-12)

@@ -8,6 +8,7 @@ identified yet must raise no alarm: only patterns and factors of a slip of units
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import angle_between, rotation_from_euler
 from rovtwin.identification.checks.against_model import check_response
@@ -99,7 +100,7 @@ def _swings(record: Record) -> bool:
     return attitude is not None and float(np.ptp(attitude.value[:, :2], axis=0).max()) > 0.1
 
 
-def _flat_tops(record: Record, weight: np.ndarray) -> list[Finding]:
+def _flat_tops(record: Record, weight: Float[np.ndarray, " n"]) -> list[Finding]:
     """Commands that run smoothly and then stay at one largest value were cut off; steps between few levels were not."""
     cut = []
     for i, column in enumerate(record.command.T):

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool
 
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import Motion
@@ -185,14 +186,16 @@ def _all_of(record: Record) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def slipped_rows(model: Model, motion: Motion, regression: Regression, axes: np.ndarray, share: float) -> int:
+def slipped_rows(
+    model: Model, motion: Motion, regression: Regression, axes: Bool[np.ndarray, " a"], share: float
+) -> int:
     """By how many rows the commands are late in a table that they share with the signals; 0 where time explains more.
 
     Args:
         model: Of the vehicle.
         motion: Of the record.
         regression: Of its accelerations.
-        axes: Those that tell, shape (a,), bool.
+        axes: Those that tell.
         share: Of the accelerations that commands explain, all of them moved by one time.
     """
     record = motion.record

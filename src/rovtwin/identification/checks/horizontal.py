@@ -6,6 +6,7 @@ pushed ahead.
 """
 
 import numpy as np
+from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from rovtwin.identification.checks.findings import Finding
@@ -55,8 +56,8 @@ def check_horizontal(model: Model, motion: Motion) -> list[Finding]:
     return [Finding("error", "horizontal", name, message, "Check frame (ned, enu, nwu) and the order of the columns.")]
 
 
-def _pushed(model: Model, motion: Motion) -> np.ndarray:
-    """Velocity over ground that the commands alone would give at the measured attitude [m/s], shape (m, 2)."""
+def _pushed(model: Model, motion: Motion) -> Float[np.ndarray, "m 2"]:
+    """Velocity over ground that the commands alone would give at the measured attitude [m/s]."""
     alone = commanded_motion(model, motion.record.t_command, motion.record.command)["velocity"]
     if len(alone.t) < 2 or motion.rotation is None:
         return np.full((len(motion.t), 2), np.nan)

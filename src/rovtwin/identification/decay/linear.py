@@ -8,6 +8,7 @@ without it the fit reports a swing that is slower and more damped than the vehic
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from rovtwin.core.errors import IdentificationError
@@ -25,14 +26,14 @@ class Cosine:
         half_b: b / 2 [1/s].
         omega: Damped frequency [rad/s].
         phase: eps [rad].
-        covariance: Of (half_b, omega) [1/s2], shape (2, 2).
+        covariance: Of (half_b, omega) [1/s2].
     """
 
     amplitude: float
     half_b: float
     omega: float
     phase: float
-    covariance: np.ndarray
+    covariance: Float[np.ndarray, "2 2"]
 
     @property
     def rest_phase(self) -> float:
@@ -40,12 +41,12 @@ class Cosine:
         return float(np.arctan2(self.half_b, self.omega))
 
 
-def fit_cosine(t: np.ndarray, angle: np.ndarray, *, phase: bool) -> Cosine:
+def fit_cosine(t: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], *, phase: bool) -> Cosine:
     """Fit thesis (2.27) to a decay that begins with its release and ends at 0.
 
     Args:
-        t: Times from the release [s], shape (n,).
-        angle: [rad], shape (n,).
+        t: Times from the release [s].
+        angle: [rad].
         phase: False as the thesis fitted it: no phase, the first angle as amplitude; True: both free.
 
     Raises:
@@ -53,7 +54,7 @@ def fit_cosine(t: np.ndarray, angle: np.ndarray, *, phase: bool) -> Cosine:
     """
     start = float(angle[0])
 
-    def error(p: np.ndarray) -> np.ndarray:
+    def error(p: Float[np.ndarray, " p"]) -> Float[np.ndarray, " n"]:
         amplitude, eps = (p[2], p[3]) if phase else (start, 0.0)
         return amplitude * np.exp(-p[0] * t) * np.cos(p[1] * t - eps) - angle
 
@@ -98,7 +99,7 @@ def from_rest(angle: float, half_b: float, omega: float, quadratic: float = 0.0)
     """
     t = np.arange(0.0, DURATION, DT)
 
-    def error(p: np.ndarray) -> np.ndarray:
+    def error(p: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         c = float(np.exp(p[0]))
         found = fit_cosine(t, swing(t, (angle, 0.0), c, p[1], quadratic * c, 0.05 / np.sqrt(c)), phase=False)
         return np.array([found.half_b - half_b, found.omega - omega])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import sin, sqrt
 
 import numpy as np
+from jaxtyping import Float
 from scipy.interpolate import CubicHermiteSpline
 
 from rovtwin.core.errors import IdentificationError
@@ -14,13 +15,15 @@ GROWS = 1.6  # largest over the one before: below it may be a rest that is not y
 LINGERS = 0.6  # share of the way from far to far on the other side spent near rest: 0.3 in a swing, more after a stop
 
 
-def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, step: float) -> np.ndarray:
+def swing(
+    t: Float[np.ndarray, " n"], state: Sequence[float], c: float, b: float, a: float, step: float
+) -> Float[np.ndarray, " n"]:
     """Angle of x'' + b x' + a |x'| x' + c sin(x) = 0.
 
     RK4 in plain floats (a scalar equation is quickest so), then cubic Hermite between the steps.
 
     Args:
-        t: Times [s], increasing, shape (n,); the state holds at t[0].
+        t: Times [s], increasing; the state holds at t[0].
         state: Angle [rad] and rate [rad/s].
         c: Stiffness over inertia [1/s2].
         b: Linear damping over inertia [1/s].
@@ -28,7 +31,7 @@ def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, s
         step: Longest step [s].
 
     Returns:
-        Angle [rad], shape (n,).
+        Angle [rad].
     """
     count = max(int(np.ceil((t[-1] - t[0]) / step)), 1)
     h = float(t[-1] - t[0]) / count
@@ -52,15 +55,15 @@ def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, s
     return CubicHermiteSpline(grid, xs, vs)(t)
 
 
-def releases(t: np.ndarray, angle: np.ndarray) -> list[slice]:
+def releases(t: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> list[slice]:
     """The parts of a recording that hold one release each, in their order.
 
     A free swing passes through rest quickly, to the other side, and never further than before. Where the angle is far
     from rest again in another way, somebody has tilted the vehicle anew: a part ends before that and the next begins.
 
     Args:
-        t: Times [s], shape (n,).
-        angle: [rad], shape (n,).
+        t: Times [s].
+        angle: [rad].
     """
     x = angle - float(np.median(angle))
     top = float(np.abs(x).max())
@@ -78,7 +81,7 @@ def releases(t: np.ndarray, angle: np.ndarray) -> list[slice]:
     return [*parts, slice(begin, len(t))]
 
 
-def _far_from_rest(x: np.ndarray, top: float) -> list[tuple[int, int]]:
+def _far_from_rest(x: Float[np.ndarray, " n"], top: float) -> list[tuple[int, int]]:
     """First and one after the last sample of each stretch beyond FAR that does not come near rest between."""
     stretches: list[tuple[int, int]] = []
     apart = True
@@ -92,15 +95,15 @@ def _far_from_rest(x: np.ndarray, top: float) -> list[tuple[int, int]]:
     return stretches
 
 
-def window(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[slice, tuple[float, ...]]:
+def window(t: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], source: str) -> tuple[slice, tuple[float, ...]]:
     """Where the free swing begins, and a first guess of its parameters.
 
     The vehicle is held on one side until it is let go. Its first passage through rest is found, and the swing begins
     where the angle has fallen to 90 % of what was held: surely after the release, which no one has to time.
 
     Args:
-        t: Times [s], shape (n,).
-        angle: [rad], shape (n,).
+        t: Times [s].
+        angle: [rad].
         source: For messages.
 
     Returns:
@@ -139,13 +142,15 @@ def window(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[slice, tuple[
     )
 
 
-def _over(t: np.ndarray, x: np.ndarray, begin: int, held: float, noise: float, quarter: float) -> int:
+def _over(
+    t: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"], begin: int, held: float, noise: float, quarter: float
+) -> int:
     """Where the swing is over, with rest enough to know the offset: what comes later is not of this test."""
     last = begin + int(np.flatnonzero(np.abs(x[begin:]) > max(STILL * held, 4 * noise))[-1])
     return int(np.searchsorted(t, t[last] + 0.5 * (t[last] - t[begin]) + 8 * quarter))
 
 
-def _half_period(t: np.ndarray, x: np.ndarray, crossing: int, noise: float) -> float:
+def _half_period(t: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"], crossing: int, noise: float) -> float:
     """From the first passage to the next one back; twice the fall before it where there is no second [s]."""
     trough = crossing + int(np.argmin(x[crossing:]))
     back = np.flatnonzero(x[trough:] > noise)
@@ -155,7 +160,12 @@ def _half_period(t: np.ndarray, x: np.ndarray, crossing: int, noise: float) -> f
 
 
 def _without_overshoot(
-    t: np.ndarray, x: np.ndarray, angle: np.ndarray, rest: float, top: int, source: str
+    t: Float[np.ndarray, " n"],
+    x: Float[np.ndarray, " n"],
+    angle: Float[np.ndarray, " n"],
+    rest: float,
+    top: int,
+    source: str,
 ) -> tuple[slice, tuple[float, ...]]:
     """A vehicle that creeps back: damped too much to swing through."""
     if x[-1] > 0.2 * x[top] or top >= len(t) - 20:

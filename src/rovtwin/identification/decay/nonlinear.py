@@ -10,6 +10,7 @@ decay with a known weight (`decay_scale.from_ballast`), and the result says whic
 """
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from rovtwin.core.arrays.correlation import neighbours
@@ -25,8 +26,8 @@ WIDEST = 0.25  # standard deviation of k/J over its value: beyond it a record is
 
 
 def fit_decay(
-    t: np.ndarray,
-    angle: np.ndarray,
+    t: Float[np.ndarray, " n"],
+    angle: Float[np.ndarray, " n"],
     *,
     stiffness: Known | None = None,
     inertia: Known | None = None,
@@ -39,8 +40,8 @@ def fit_decay(
     assumed. Least squares on the angle, which is taken to have independent noise of one size.
 
     Args:
-        t: Times [s], increasing, shape (n,).
-        angle: Roll or pitch [rad], shape (n,); may hold the time before the release, when the vehicle is held.
+        t: Times [s], increasing.
+        angle: Roll or pitch [rad]; may hold the time before the release, when the vehicle is held.
         stiffness: W BG [N m/rad], W in newtons.
         inertia: About the axis, with added mass [kg m2].
         quadratic: Whether to fit quadratic damping too.
@@ -87,18 +88,18 @@ def fit_decay(
 
 
 def _fit(
-    t: np.ndarray, angle: np.ndarray, guess: np.ndarray, held: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    t: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], guess: Float[np.ndarray, "6"], held: tuple[int, ...]
+) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"], Float[np.ndarray, " n"]]:
     """Parameters (c, b, a, offset, angle, rate), their covariance and the residuals; those `held` are 0."""
     step = 0.1 / np.sqrt(guess[0])  # of RK4: its error is 1e-7 of the angle, far below any sensor's
     free = np.array([i for i in range(6) if i not in held])
 
-    def filled(q: np.ndarray) -> np.ndarray:
+    def filled(q: Float[np.ndarray, " q"]) -> Float[np.ndarray, "6"]:
         p = np.zeros(6)
         p[free] = q
         return p
 
-    def error(q: np.ndarray) -> np.ndarray:
+    def error(q: Float[np.ndarray, " q"]) -> Float[np.ndarray, " n"]:
         c, b, a, offset, x, rate = filled(q)
         return offset + swing(t, (x, rate), c, b, a, step) - angle
 
@@ -110,7 +111,9 @@ def _fit(
     return filled(found.x), covariance, found.fun
 
 
-def _believable(p: np.ndarray, covariance: np.ndarray, residual: np.ndarray, source: str) -> None:
+def _believable(
+    p: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"], residual: Float[np.ndarray, " n"], source: str
+) -> None:
     """Raise where what was fitted is no swing back from a tilt, or says nothing of it."""
     missed = float(np.sqrt(np.mean(residual**2))) / max(abs(p[4]), 1e-9)
     if p[0] <= 0 or missed > WORST_FIT:
@@ -125,7 +128,9 @@ def _believable(p: np.ndarray, covariance: np.ndarray, residual: np.ndarray, sou
         )
 
 
-def checked(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[np.ndarray, np.ndarray]:
+def checked(
+    t: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], source: str
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Times and angle as float arrays, in radians and increasing, or an error that says what is wrong."""
     t, angle = np.asarray(t, float), np.asarray(angle, float)
     if t.ndim != 1 or t.shape != angle.shape:
@@ -150,7 +155,12 @@ def checked(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[np.ndarray, 
     return t, angle
 
 
-def _remarks(p: np.ndarray, covariance: np.ndarray, residual: np.ndarray, t: np.ndarray) -> list[str]:
+def _remarks(
+    p: Float[np.ndarray, "6"],
+    covariance: Float[np.ndarray, "6 6"],
+    residual: Float[np.ndarray, " n"],
+    t: Float[np.ndarray, " n"],
+) -> list[str]:
     """What a reader must know about a fit."""
     notes = []
     if covariance[1, 1] and covariance[2, 2]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.log import Log
@@ -18,8 +19,8 @@ AXES = {"roll": ("roll", "phi"), "pitch": ("pitch", "theta")}
 
 def read_angle(
     path: str | Path, axis: str, *, column: str | None = None, vehicle: Vehicle | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and angle [rad] of a test, shapes (n,).
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Times [s] and angle [rad] of a test.
 
     Args:
         path: CSV with a column of time (t or time) and one of the angle (phi, roll, theta, pitch or angle; with `_deg`
@@ -50,7 +51,7 @@ def read_angle(
     return signal.t, np.unwrap(signal.value[:, 0 if axis == "roll" else 1])
 
 
-def _of_log(path: Path, axis: str) -> tuple[np.ndarray, np.ndarray]:
+def _of_log(path: Path, axis: str) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """rovtwin's own log: its attitude sensor, timed by when a reading was true."""
     log = Log.read(path)
     if ATTITUDE not in log or not len(log[ATTITUDE]):
@@ -59,7 +60,7 @@ def _of_log(path: Path, axis: str) -> tuple[np.ndarray, np.ndarray]:
     return series["t_valid"], np.unwrap(series[AXES[axis][1]])
 
 
-def _of_table(path: Path, axis: str, column: str | None) -> tuple[np.ndarray, np.ndarray]:
+def _of_table(path: Path, axis: str, column: str | None) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     (table,) = read_csv(path, []).tables.values()
     names = {_plain(name): name for name in table.columns}
     expected = [*(f"{word}{unit}" for word in (*AXES[axis], "angle") for unit in ("", "deg", "rad"))]

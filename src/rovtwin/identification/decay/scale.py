@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy import stats
 
 from rovtwin.core.errors import IdentificationError
@@ -16,19 +17,18 @@ class Moments:
     """The coefficients of the equation of motion.
 
     Attributes:
-        values: Inertia with added mass J [kg m2], stiffness k = W BG [N m/rad], D_L [N m s/rad], D_Q [N m s2/rad2],
-            shape (4,).
-        covariance: Of `values`, shape (4, 4).
+        values: Inertia with added mass J [kg m2], stiffness k = W BG [N m/rad], D_L [N m s/rad], D_Q [N m s2/rad2].
+        covariance: Of `values`.
         scale: Where the scale comes from, in words.
     """
 
-    values: np.ndarray
-    covariance: np.ndarray
+    values: Float[np.ndarray, "4"]
+    covariance: Float[np.ndarray, "4 4"]
     scale: str
 
     @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations of `values`, shape (4,)."""
+    def sd(self) -> Float[np.ndarray, "4"]:
+        """Standard deviations of `values`."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -37,37 +37,37 @@ class Decay:
     """What one decay says.
 
     Attributes:
-        ratios: c = k/J [1/s2], b = D_L/J [1/s], a = D_Q/J [1/rad], shape (3,).
-        covariance: Of `ratios`, shape (3, 3), widened for residuals that are not white.
+        ratios: c = k/J [1/s2], b = D_L/J [1/s], a = D_Q/J [1/rad].
+        covariance: Of `ratios`, widened for residuals that are not white.
         offset: Angle at rest: trim and sensor offset together, which motion cannot tell apart [rad].
         offset_sd: Its standard deviation [rad].
         start: When the fit begins, just after the release [s]; `end`: when it ends.
-        state: Angle from the offset [rad] and rate [rad/s] at `start`, shape (2,).
+        state: Angle from the offset [rad] and rate [rad/s] at `start`.
         rms: Of the residuals [rad].
         whiteness: How many neighbouring residuals count as one (1: white noise).
         moments: Coefficients with units, or None: ratios only.
         notes: What a reader must know, one line each.
-        t, angle, fitted: The window: times [s], measured and fitted angle [rad], shape (n,).
+        t, angle, fitted: The window: times [s], measured and fitted angle [rad].
     """
 
-    ratios: np.ndarray
-    covariance: np.ndarray
+    ratios: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "3 3"]
     offset: float
     offset_sd: float
     start: float
     end: float
-    state: np.ndarray
+    state: Float[np.ndarray, "2"]
     rms: float
     whiteness: float
     moments: Moments | None
     notes: tuple[str, ...]
-    t: np.ndarray
-    angle: np.ndarray
-    fitted: np.ndarray
+    t: Float[np.ndarray, " n"]
+    angle: Float[np.ndarray, " n"]
+    fitted: Float[np.ndarray, " n"]
 
     @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations of `ratios`, shape (3,)."""
+    def sd(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations of `ratios`."""
         return np.sqrt(np.diag(self.covariance))
 
     @property

@@ -7,6 +7,7 @@ the model, which then bends its parameters.
 from collections.abc import Collection, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.diagnostics.verdict import LEARNT
 from rovtwin.identification.joint.model.gaussian import Gaussian
@@ -17,13 +18,13 @@ _Z = 1.96
 _SHOWN = 6  # parameters that are named with their values
 
 
-def outside_prior(prior: Gaussian, theta: np.ndarray) -> list[int]:
+def outside_prior(prior: Gaussian, theta: Float[np.ndarray, " n"]) -> list[int]:
     """Parameters whose estimate lies outside the prior's own 95 % interval, the farthest first."""
     far = np.abs(theta - prior.mean) / np.sqrt(np.diag(prior.covariance))
     return [int(i) for i in np.argsort(-far) if far[i] > _Z]
 
 
-def no_dead_band(parameters: Parameters, prior: Gaussian, theta: np.ndarray) -> list[int]:
+def no_dead_band(parameters: Parameters, prior: Gaussian, theta: Float[np.ndarray, " n"]) -> list[int]:
     """Dead bands that the vehicle file does not state and of which the tests saw none.
 
     What is assumed of such a one is a positive number, whose prior cannot hold zero: below it is no contradiction.
@@ -37,7 +38,9 @@ def no_dead_band(parameters: Parameters, prior: Gaussian, theta: np.ndarray) -> 
     return found
 
 
-def about_dead_bands(parameters: Parameters, prior: Gaussian, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
+def about_dead_bands(
+    parameters: Parameters, prior: Gaussian, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> list[str]:
     """What the tests say of dead bands that nobody stated: less than the end of the 95 % interval."""
     ends = theta + _Z * np.sqrt(np.diag(covariance))
     rows = no_dead_band(parameters, prior, theta)
@@ -47,8 +50,8 @@ def about_dead_bands(parameters: Parameters, prior: Gaussian, theta: np.ndarray,
 
 def contradicted(
     prior: Gaussian,
-    theta: np.ndarray,
-    covariance: np.ndarray,
+    theta: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n n"],
     apart: Apart | None,
     allowed: Collection[int] = (),
 ) -> set[int]:
@@ -56,8 +59,8 @@ def contradicted(
 
     Args:
         prior: What was known before.
-        theta: The estimate, shape (n,).
-        covariance: Of it, shape (n, n).
+        theta: The estimate.
+        covariance: Of it.
         apart: What each log says by itself, or None.
         allowed: Those that may lie outside their prior (`no_dead_band`).
 
@@ -70,7 +73,9 @@ def contradicted(
     return narrow | (set() if apart is None else set(apart.disagreeing()))
 
 
-def about_prior(parameters: Parameters, prior: Gaussian, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
+def about_prior(
+    parameters: Parameters, prior: Gaussian, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> list[str]:
     """What came out beyond what was known before, both values with their 95 % intervals.
 
     One whose own interval reaches back to the value of before contradicts nothing.

@@ -6,6 +6,7 @@ Errors of two files are taken as independent. Where they share a prior or a test
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.diagnostics.stated import Stated, Value
 
@@ -78,7 +79,7 @@ def _gap(a: Value, b: Value) -> float:
     return a.parameter.theta(b.value)
 
 
-def _covariance(one: Stated, names: list[str]) -> np.ndarray:
+def _covariance(one: Stated, names: list[str]) -> Float[np.ndarray, "n n"]:
     """Of the named parameters; zero for what is taken as exact."""
     C = np.zeros((len(names), len(names)))
     known = _known(one)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.model.parameters import Parameters
@@ -24,13 +25,15 @@ _EXPLAINED = 0.2  # share of an axis' acceleration that thrusters must explain b
 _BETTER = 0.01  # share of the accelerations that another gain must explain more
 
 
-def about_gain(parameters: Parameters, prior: Gaussian, theta: np.ndarray, records: Sequence[Record]) -> list[str]:
+def about_gain(
+    parameters: Parameters, prior: Gaussian, theta: Float[np.ndarray, " n"], records: Sequence[Record]
+) -> list[str]:
     """That commands, not thrusters, may be wrong, where all forces came out at a factor of what was known before.
 
     Args:
         parameters: Free ones; nothing is said unless forces of all groups of thrusters are among them.
         prior: What was known before.
-        theta: The estimate, shape (n,).
+        theta: The estimate.
         records: The fitted tests.
     """
     factors = _factors(parameters, prior, theta)
@@ -56,7 +59,7 @@ def about_gain(parameters: Parameters, prior: Gaussian, theta: np.ndarray, recor
     ]
 
 
-def _factors(parameters: Parameters, prior: Gaussian, theta: np.ndarray) -> dict[str, float]:
+def _factors(parameters: Parameters, prior: Gaussian, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
     """Of each group of thrusters, by what its estimated forces differ from the prior's, ahead and astern together."""
     found: dict[str, list[float]] = {}
     for p, now, before in zip(parameters.free, theta, prior.mean, strict=True):

@@ -3,6 +3,7 @@
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.diagnostics.tested import Range
 from rovtwin.identification.joint.model.parameters import DIRECTIONS, Parameters
@@ -16,7 +17,9 @@ _RANGES = {"exponent": (0.7, 3.0), "dead_band": (0.0, 0.4), "time_constant": (0.
 _LEFT = 1.5  # factor by which a thruster's figure must have left its file's value to be called odd
 
 
-def about_equal_thrusters(parameters: Parameters, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
+def about_equal_thrusters(
+    parameters: Parameters, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> list[str]:
     """Groups of thrusters whose file gives one curve to all, and whose forces came out apart beyond their widths."""
     remarks, free = [], set(parameters.names)
     for side in ("force_ahead", "force_astern"):
@@ -49,7 +52,11 @@ def _equal_groups(parameters: Parameters, side: str) -> list[list[str]]:
 
 
 def _forces(
-    parameters: Parameters, theta: np.ndarray, covariance: np.ndarray, groups: list[str], side: str
+    parameters: Parameters,
+    theta: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n n"],
+    groups: list[str],
+    side: str,
 ) -> tuple[dict[str, float], bool]:
     """Force of each group [N], and whether two of them differ by much and by more than their widths."""
     names, n = parameters.names, len(theta)
@@ -68,7 +75,7 @@ def _forces(
     return value, False
 
 
-def about_odd_values(parameters: Parameters, theta: np.ndarray, tested: dict[str, Range]) -> list[str]:
+def about_odd_values(parameters: Parameters, theta: Float[np.ndarray, " n"], tested: dict[str, Range]) -> list[str]:
     """What no vehicle has, or hardly any: named with the value and what is usual."""
     model = parameters.model_at(theta)[0]
     odd = [*_heavy_water(model, parameters), *_pushing_water(model, tested), *_odd_thrusters(parameters, theta)]
@@ -102,7 +109,7 @@ def _pushing_water(model: Model, tested: dict[str, Range]) -> list[str]:
     return found
 
 
-def _odd_thrusters(parameters: Parameters, theta: np.ndarray) -> list[str]:
+def _odd_thrusters(parameters: Parameters, theta: Float[np.ndarray, " n"]) -> list[str]:
     found = []
     for p, t in zip(parameters.free, theta, strict=True):
         what = p.name.rpartition(".")[2]

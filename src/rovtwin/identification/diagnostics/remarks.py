@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.user_files.quantity import plain
 from rovtwin.identification.diagnostics.validation import Prediction, judged
@@ -68,7 +69,9 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
     ]
 
 
-def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
+def about_mounting(
+    parameters: Parameters, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> list[str]:
     """Whether the gyro is turned against what the file says, by more than a bracket's usual degree and its width."""
     rows = [i for i, name in enumerate(parameters.names) if name in MOUNTING]
     std = np.sqrt(np.diag(covariance))
@@ -94,7 +97,7 @@ def about_segments(span: float, pushed: bool) -> list[str]:
     ]
 
 
-def about_push(parameters: Parameters, theta: np.ndarray, push: np.ndarray) -> list[str]:
+def about_push(parameters: Parameters, theta: Float[np.ndarray, " n"], push: Float[np.ndarray, "6"]) -> list[str]:
     """What the model lacks and lasts for seconds, where it is not small beside the thrust; push as of `Noise`, (6,)."""
     model = parameters.model_at(theta)[0]
     force, most = np.diag(np.asarray(model.inertia)) * push, np.abs(reach(model)).max(axis=1)
@@ -112,7 +115,7 @@ def about_push(parameters: Parameters, theta: np.ndarray, push: np.ndarray) -> l
     ]
 
 
-def about_inflow(parameters: Parameters, theta: np.ndarray) -> list[str]:
+def about_inflow(parameters: Parameters, theta: Float[np.ndarray, " n"]) -> list[str]:
     """That a loss to the inflow which came out below 0 is none in the file."""
     values = parameters.values(theta)
     below = [
@@ -136,7 +139,7 @@ def about_thrust(parameters: Parameters) -> list[str]:
 
 
 def about_scale(
-    parameters: Parameters, records: Sequence[Record], solution: Solution, response: np.ndarray
+    parameters: Parameters, records: Sequence[Record], solution: Solution, response: Float[np.ndarray, " n"]
 ) -> list[str]:
     """How far the intervals rest on the scale of positions; response: see `scale_response`, shape (n,)."""
     share = response**2 / np.maximum(np.diag(solution.covariance), 1e-300)
@@ -245,7 +248,7 @@ def about_effects(parameters: Parameters, solution: Solution) -> list[str]:
     return found
 
 
-def about_narrow(parameters: Parameters, covariance: np.ndarray) -> list[str]:
+def about_narrow(parameters: Parameters, covariance: Float[np.ndarray, "n n"]) -> list[str]:
     """What comes out narrower than any model is right; shares are relative to their diagonals already."""
     width = np.sqrt(np.diag(covariance))
     relative = [(w, p.name) for p, w in zip(parameters.free, width, strict=True) if p.positive or place_of(p.name)]

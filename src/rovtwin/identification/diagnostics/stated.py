@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.joint.model.couplings import bound_of, place_of, shares
 from rovtwin.identification.joint.model.groups import thruster_groups
@@ -56,7 +57,7 @@ class Stated:
         label: For tables and legends.
         vehicle: The file.
         parameters: Those with a covariance, theta = 0 at the values of the file; none where it was not identified.
-        covariance: Of theta, shape (n, n), or None.
+        covariance: Of theta, or None.
         values: By name, all that the model has.
         tested: Ranges of speed by direction and of command by `thrusters.GROUP`; empty where nobody tested.
     """
@@ -64,7 +65,7 @@ class Stated:
     label: str
     vehicle: Vehicle
     parameters: Parameters
-    covariance: np.ndarray | None
+    covariance: Float[np.ndarray, "n n"] | None
     values: dict[str, Value]
     tested: Mapping[str, Sequence[float]]
 

@@ -4,6 +4,7 @@ A force curve is evidence within these ranges and extrapolation beyond them.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import as_array
 from rovtwin.identification.joint.estimate import Solution
@@ -30,6 +31,6 @@ def tested_ranges(problem: Problem, solution: Solution) -> dict[str, Range]:
     return found
 
 
-def _range(x: np.ndarray) -> Range:
+def _range(x: Float[np.ndarray, " n"]) -> Range:
     low, high = np.quantile(x, _EDGES)
     return float(low), float(high)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.frames import euler_from_quaternion, quaternion_multiply, wrap
 from rovtwin.core.numerics import as_array, jax, jnp
@@ -55,7 +56,7 @@ class Prediction:
 
     record: str
     window: float | None
-    readings: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    readings: dict[str, tuple[Float[np.ndarray, " _"], Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]]
     scores: dict[str, Score]
     excited: dict[str, bool]
 
@@ -71,11 +72,11 @@ def judged(prediction: Prediction) -> list[str]:
 
 def predict(
     parameters: Parameters,
-    theta: np.ndarray,
+    theta: Float[np.ndarray, " n"],
     records: Sequence[Record],
     window: float | None = None,
     step: float = 0.02,
-    offsets: dict[str, np.ndarray] | None = None,
+    offsets: dict[str, Float[np.ndarray, " _"]] | None = None,
 ) -> list[Prediction]:
     """Open-loop predictions of records.
 
@@ -107,7 +108,9 @@ class Predictor:
             segments = cut(some, Grid(step, steps, 50.0))
             self.groups.append((places, segments, Shooting(parameters, segments)))
 
-    def __call__(self, theta: np.ndarray, offsets: dict[str, np.ndarray] | None = None) -> list[Prediction]:
+    def __call__(
+        self, theta: Float[np.ndarray, " n"], offsets: dict[str, Float[np.ndarray, " _"]] | None = None
+    ) -> list[Prediction]:
         found: dict[int, Prediction] = {}
         for places, segments, shooting in self.groups:
             found |= zip(places, self._alike(places, segments, shooting, theta, offsets or {}), strict=True)
@@ -118,8 +121,8 @@ class Predictor:
         places: list[int],
         segments: Segments,
         shooting: Shooting,
-        theta: np.ndarray,
-        offsets: dict[str, np.ndarray],
+        theta: Float[np.ndarray, " n"],
+        offsets: dict[str, Float[np.ndarray, " _"]],
     ) -> list[Prediction]:
         nodes = _run(shooting, segments, theta, offsets)
         zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
@@ -146,9 +149,9 @@ def _judged_by(
     record: Record,
     segments: Segments,
     own: slice,
-    gaps: dict[str, np.ndarray],
+    gaps: dict[str, Float[np.ndarray, "S R _"]],
     window: float | None,
-    pushed: np.ndarray,
+    pushed: Bool[np.ndarray, "6"],
 ) -> Prediction:
     """A record beside its prediction, `own` of all segments; gaps are prediction less reading by signal, (S, R, k)."""
     readings: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
@@ -170,8 +173,8 @@ def _judged_by(
     return Prediction(record.name, window, readings, scores, excited)
 
 
-def pushed_axes(configuration: np.ndarray, record: Record) -> np.ndarray:
-    """Axes along which thrusters were asked for something, shape (6,).
+def pushed_axes(configuration: Float[np.ndarray, "6 n"], record: Record) -> Bool[np.ndarray, "6"]:
+    """Axes along which thrusters were asked for something.
 
     By the root of the mean square of configuration @ command over time, against that of full command on all thrusters.
 
@@ -183,7 +186,9 @@ def pushed_axes(configuration: np.ndarray, record: Record) -> np.ndarray:
     return (asked > _PUSHED * full) | (full < 1e-6) | (not np.any(record.command))
 
 
-def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _angles(
+    measured: Float[np.ndarray, "n 4"], turn: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """zyx Euler angles of measured quaternions (n, 4), without jumps, and of the predicted ones beside them."""
     half = turn / 2.0
     real = np.sqrt(np.maximum(1.0 - np.sum(half**2, axis=1, keepdims=True), 0.0))
@@ -193,7 +198,9 @@ def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndar
     return smooth, smooth + np.asarray(wrap(jnp.asarray(now - was)))
 
 
-def _run(shooting: Shooting, segments: Segments, theta: np.ndarray, offsets: dict[str, np.ndarray]) -> Nodes:
+def _run(
+    shooting: Shooting, segments: Segments, theta: Float[np.ndarray, " n"], offsets: dict[str, Float[np.ndarray, " _"]]
+) -> Nodes:
     """Nodes at the measured state; what is not measured comes from the window before."""
     found = nodes_from_data(segments, offsets, exact=True)
     nodes = undisturbed(**found)
@@ -208,7 +215,9 @@ def _run(shooting: Shooting, segments: Segments, theta: np.ndarray, offsets: dic
     return nodes
 
 
-def _score(y: np.ndarray, predicted: np.ndarray, window: np.ndarray, name: str) -> Score:
+def _score(
+    y: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], window: Int[np.ndarray, " n"], name: str
+) -> Score:
     gap = predicted - y
     spread = np.linalg.norm(y - y.mean())
     first = np.concatenate([[0], np.flatnonzero(np.diff(window)) + 1])
@@ -222,7 +231,7 @@ def _score(y: np.ndarray, predicted: np.ndarray, window: np.ndarray, name: str) 
     )
 
 
-def _noise(y: np.ndarray) -> float:
+def _noise(y: Float[np.ndarray, " n"]) -> float:
     """Of a slowly varying series, from its second differences (robust)."""
     if len(y) < 5:
         return 0.0

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.model.couplings import place_of
@@ -60,7 +61,7 @@ def blind_directions(parameters: Parameters, prior: Gaussian, solution: Solution
     return found
 
 
-def _blind(parameters: Parameters, moved: np.ndarray, information: float) -> Blind:
+def _blind(parameters: Parameters, moved: Float[np.ndarray, " n"], information: float) -> Blind:
     order = np.argsort(-np.abs(moved))
     largest = np.abs(moved[order[0]])
     rows = [i for i in order if np.abs(moved[i]) > _LOADING * largest]
@@ -69,7 +70,7 @@ def _blind(parameters: Parameters, moved: np.ndarray, information: float) -> Bli
     return Blind(names, tuple(float(w) for w in weights), information, _in_words(names, weights, information))
 
 
-def _in_words(names: tuple[str, ...], weights: np.ndarray, information: float) -> str:
+def _in_words(names: tuple[str, ...], weights: Float[np.ndarray, " n"], information: float) -> str:
     nothing = information < _NOTHING
     if len(names) == 1:
         if nothing:
@@ -93,7 +94,7 @@ def _in_words(names: tuple[str, ...], weights: np.ndarray, information: float) -
     )
 
 
-def _is_scale(names: tuple[str, ...], weights: np.ndarray) -> bool:
+def _is_scale(names: tuple[str, ...], weights: Float[np.ndarray, " n"]) -> bool:
     """Forces of thrusters and those of the water, all up together."""
     thrust = any(n.startswith("thrusters.") and ".force_" in n for n in names)
     water = any(n.startswith(("added_mass.", "linear_damping", "quadratic_damping")) for n in names)
@@ -101,7 +102,7 @@ def _is_scale(names: tuple[str, ...], weights: np.ndarray) -> bool:
     return len(names) >= 4 and bool(np.all(np.asarray(weights)[own] > 0)) and thrust and water
 
 
-def _is_sum(names: tuple[str, ...], weights: np.ndarray) -> bool:
+def _is_sum(names: tuple[str, ...], weights: Float[np.ndarray, " n"]) -> bool:
     """Linear against quadratic damping of one direction, on one side; shares of couplings have units of their own."""
     kinds = {n.split(".")[0].removesuffix("_astern") for n in names}
     places = {(n.split(".")[0].endswith("_astern"), n.split(".")[1]) for n in names}
@@ -120,7 +121,7 @@ def name_in_words(name: str) -> str:
     return f"{first.replace('_', ' ')}, {' '.join(rest).replace('_', ' ')}"
 
 
-def scale_width(parameters: Parameters, covariance: np.ndarray) -> float:
+def scale_width(parameters: Parameters, covariance: Float[np.ndarray, "n n"]) -> float:
     """Relative standard deviation of the common scale of all forces: the mean thrust, known no better than this."""
     rows = [i for i, n in enumerate(parameters.names) if n.startswith("thrusters.") and ".force_" in n]
     if not rows:
@@ -130,13 +131,13 @@ def scale_width(parameters: Parameters, covariance: np.ndarray) -> float:
     return float(np.sqrt(mean @ covariance @ mean))
 
 
-def up_to_scale(parameters: Parameters, prior: np.ndarray, covariance: np.ndarray) -> str:
+def up_to_scale(parameters: Parameters, prior: Float[np.ndarray, "n n"], covariance: Float[np.ndarray, "n n"]) -> str:
     """What a count of parameters learnt keeps quiet about, as the end of a phrase; empty where the scale is known.
 
     Args:
         parameters: The free ones.
-        prior: Covariance before the tests, shape (n, n).
-        covariance: After them, shape (n, n).
+        prior: Covariance before the tests.
+        covariance: After them.
     """
     before, width = scale_width(parameters, prior), scale_width(parameters, covariance)
     if width <= COARSE:

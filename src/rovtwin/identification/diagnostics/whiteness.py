@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.arrays.correlation import inflation
 from rovtwin.core.numerics import as_array
@@ -18,20 +19,20 @@ class Residuals:
     """Of one signal component, all records together.
 
     Attributes:
-        t: Times since each record's start [s], shape (n,).
-        record: Index of the record of each, shape (n,).
-        normalised: Residual over its standard deviation, shape (n,).
+        t: Times since each record's start [s].
+        record: Index of the record of each.
+        normalised: Residual over its standard deviation.
         rms: In the signal's unit.
-        autocorrelation: At lags 1 .. 25 readings, shape (25,).
+        autocorrelation: At lags 1 .. 25 readings.
         outside: Share of these lags beyond the 95 % band of white noise; 0.05 is what white noise has.
         inflation: How many correlated readings count as one, 1 for white noise.
     """
 
-    t: np.ndarray
-    record: np.ndarray
-    normalised: np.ndarray
+    t: Float[np.ndarray, " n"]
+    record: Int[np.ndarray, " n"]
+    normalised: Float[np.ndarray, " n"]
     rms: float
-    autocorrelation: np.ndarray
+    autocorrelation: Float[np.ndarray, "25"]
     outside: float
     inflation: float
 
@@ -58,7 +59,9 @@ def residual_analysis(problem: Problem, solution: Solution) -> dict[str, Residua
     return out
 
 
-def _analysed(t: np.ndarray, record: np.ndarray, r: np.ndarray, sigma: float) -> Residuals:
+def _analysed(
+    t: Float[np.ndarray, " n"], record: Int[np.ndarray, " n"], r: Float[np.ndarray, " n"], sigma: float
+) -> Residuals:
     z = r / sigma
     correlation = autocorrelation(z, record)
     band = 1.96 / np.sqrt(max(len(z), 1))
@@ -73,8 +76,8 @@ def _analysed(t: np.ndarray, record: np.ndarray, r: np.ndarray, sigma: float) ->
     )
 
 
-def autocorrelation(z: np.ndarray, record: np.ndarray) -> np.ndarray:
-    """At lags 1 .. 25, pairs across records left out, shape (25,)."""
+def autocorrelation(z: Float[np.ndarray, " n"], record: Int[np.ndarray, " n"]) -> Float[np.ndarray, "25"]:
+    """At lags 1 .. 25, pairs across records left out."""
     total = float(np.sum(z**2))
     out = np.zeros(_LAGS)
     for lag in range(1, _LAGS + 1):

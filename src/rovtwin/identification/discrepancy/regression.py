@@ -15,9 +15,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import minimize
 
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Scalar
 from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.description.learned import INPUTS, anchored_inputs, kernel_matrix, pushed, whitening
@@ -45,41 +47,41 @@ class Windows:
     """The tests in W windows of k states each.
 
     Attributes:
-        missing: Wrench that the model lacks, mean over the window [N, N m], shape (W, 6).
-        seen: Whether it was seen, shape (W, 6).
-        nu_r: Velocity through the water, shape (W, k, 6).
-        tau: Wrench of the thrusters, shape (W, k, 6).
-        able: Axes along which thrusters push, shape (6,).
+        missing: Wrench that the model lacks, mean over the window [N, N m].
+        seen: Whether it was seen.
+        nu_r: Velocity through the water.
+        tau: Wrench of the thrusters.
+        able: Axes along which thrusters push.
     """
 
-    missing: np.ndarray
-    seen: np.ndarray
-    nu_r: np.ndarray
-    tau: np.ndarray
-    able: np.ndarray
+    missing: Float[np.ndarray, "W 6"]
+    seen: Float[np.ndarray, "W 6"]
+    nu_r: Float[np.ndarray, "W k 6"]
+    tau: Float[np.ndarray, "W k 6"]
+    able: Float[np.ndarray, "6"]
 
     @property
-    def speeds(self) -> np.ndarray:
-        """Typical of each component of nu_r [m/s, rad/s], shape (6,)."""
+    def speeds(self) -> Float[np.ndarray, "6"]:
+        """Typical of each component of nu_r [m/s, rad/s]."""
         return np.maximum(np.sqrt(np.mean(self.nu_r**2, axis=(0, 1))), _MOVED)
 
     @property
-    def moved(self) -> np.ndarray:
-        """Which components of nu_r moved, shape (6,); what is not measured stands still along the smoothed path."""
+    def moved(self) -> Float[np.ndarray, "6"]:
+        """Which components of nu_r moved; what is not measured stands still along the smoothed path."""
         return self.speeds > _MOVED
 
     @property
-    def inputs(self) -> np.ndarray:
-        """z of all parts, shape (W, k, 12)."""
+    def inputs(self) -> Float[np.ndarray, "W k 12"]:
+        """z of all parts."""
         return np.concatenate([self.nu_r, self.tau], axis=2)
 
     @property
-    def thrust(self) -> np.ndarray:
-        """Typical of each component of the thrusters' wrench, 0 where none pushes, shape (6,)."""
+    def thrust(self) -> Float[np.ndarray, "6"]:
+        """Typical of each component of the thrusters' wrench, 0 where none pushes."""
         return self.able * np.sqrt(np.mean(self.tau**2, axis=(0, 1)))
 
 
-def windows_of(problem: Problem, theta: np.ndarray) -> Windows:
+def windows_of(problem: Problem, theta: Float[np.ndarray, " n"]) -> Windows:
     """The tests of a problem, by what the model at theta lacks."""
     balance = problem.shooting.balance
     arrays = balance.arrays_of(problem.segments)
@@ -154,9 +156,13 @@ def _kinds(windows: Windows) -> dict[str, _Kind]:
 
 
 def places(
-    anchored: np.ndarray, inverse: np.ndarray, z: np.ndarray, most: int = MOST, left: float = _LEFT
-) -> np.ndarray:
-    """Some of the inputs z, shape (W, 12), at which kernel functions hold most of the variance at all of them.
+    anchored: Float[np.ndarray, "p 12"],
+    inverse: Float[np.ndarray, "12"],
+    z: Float[np.ndarray, "W 12"],
+    most: int = MOST,
+    left: float = _LEFT,
+) -> Float[np.ndarray, "p 12"]:
+    """Some of the inputs z, at which kernel functions hold most of the variance at all of them.
 
     Args:
         anchored: Of the part.
@@ -177,15 +183,17 @@ def places(
     return found * (inverse > 0.0)
 
 
-def _without(y: np.ndarray) -> float:
+def _without(y: Float[np.ndarray, " W"]) -> float:
     """Logarithm of the marginal likelihood of noise alone."""
     return float(-0.5 * len(y) * (np.log(2.0 * np.pi * np.mean(y**2)) + 1.0))
 
 
-def _fitted(y: np.ndarray, z: np.ndarray, used: np.ndarray, kinds: Sequence[_Kind]) -> tuple[float, np.ndarray]:
+def _fitted(
+    y: Float[np.ndarray, " W"], z: Float[np.ndarray, "W k 12"], used: Float[np.ndarray, " W"], kinds: Sequence[_Kind]
+) -> tuple[float, Float[np.ndarray, " h"]]:
     """The largest logarithm of the marginal likelihood, the prior of lengths included, and its hyperparameters."""
 
-    def cost(h: np.ndarray) -> tuple[float, np.ndarray]:
+    def cost(h: Float[np.ndarray, " h"]) -> tuple[float, Float[np.ndarray, " h"]]:
         value, slope = _cost_and_slope(h, y, z, used.astype(float), list(kinds))
         return float(value), np.asarray(slope)
 
@@ -197,7 +205,13 @@ def _fitted(y: np.ndarray, z: np.ndarray, used: np.ndarray, kinds: Sequence[_Kin
     return -float(found.fun), np.asarray(found.x)
 
 
-def _cost(h: Array, y: Array, z: Array, used: Array, kinds: Sequence[_Kind]) -> Array:
+def _cost(
+    h: Float[Array, " h"],
+    y: Float[Array, " W"],
+    z: Float[Array, "W k 12"],
+    used: Float[Array, " W"],
+    kinds: Sequence[_Kind],
+) -> Scalar:
     """Minus the logarithm of the marginal likelihood, and of the prior of lengths; `used` is 1 or 0 for each window."""
     noise, columns, prior = jnp.exp(h[0]), [], jnp.zeros(())
     for kind, own in zip(kinds, h[1:].reshape(len(kinds), 1 + INPUTS), strict=True):
@@ -213,11 +227,11 @@ def _cost(h: Array, y: Array, z: Array, used: Array, kinds: Sequence[_Kind]) -> 
 _cost_and_slope = jax.jit(jax.value_and_grad(_cost))
 
 
-def _features(kind: _Kind, inverse: Array, z: Array) -> Array:
-    """Independent features of unit variance, mean over windows, shape (W, m), of inputs (W, k, 12)."""
+def _features(kind: _Kind, inverse: Float[Array, "12"], z: Float[Array, "W k 12"]) -> Float[Array, "W m"]:
+    """Independent features of unit variance, mean over windows, of inputs."""
     anchored, c = kind.anchored, kind.centres * inverse
 
-    def k(a: Array) -> Array:
+    def k(a: Float[Array, "_ _ 12"]) -> Float[Array, "_ _ _"]:
         far = jnp.sum((a[..., None, :] - c) ** 2, axis=-1)
         free = jnp.sum((1.0 - anchored) * (a[..., None, :] - c) ** 2, axis=-1)
         out = jnp.sum(anchored * a**2, axis=-1)[..., None] + jnp.sum(anchored * c**2, axis=-1)
@@ -228,7 +242,12 @@ def _features(kind: _Kind, inverse: Array, z: Array) -> Array:
 
 
 def _parts(
-    axis: int, kinds: Mapping[str, _Kind], h: np.ndarray, y: np.ndarray, z: np.ndarray, size: float
+    axis: int,
+    kinds: Mapping[str, _Kind],
+    h: Float[np.ndarray, " h"],
+    y: Float[np.ndarray, " W"],
+    z: Float[np.ndarray, "W k 12"],
+    size: float,
 ) -> list[dict[str, Any]]:
     """Parts at their hyperparameters, with places for these lengths and the weights' distribution."""
     noise, found, features = size * float(np.exp(h[0])), [], []
@@ -266,6 +285,6 @@ def _short(x: Any) -> Any:
     return [_short(value) for value in x]
 
 
-def part_inverse_lengths(part: DiscrepancyPart) -> np.ndarray:
-    """One over the lengths of a part, shape (12,)."""
+def part_inverse_lengths(part: DiscrepancyPart) -> Float[np.ndarray, "12"]:
+    """One over the lengths of a part."""
     return np.array([0.0 if length is None else 1.0 / length for length in part.lengths])

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import jnp
+from rovtwin.core.types import Vector6
 from rovtwin.identification.discrepancy.regression import Windows
 from rovtwin.vehicle.constants import AXES
 
@@ -30,19 +32,19 @@ class Sparse:
     """The terms of each component of the wrench.
 
     Attributes:
-        moved: Components of nu_r in the library, shape (a,).
-        pushing: Components of the thrusters' wrench in it, shape (b,).
+        moved: Components of nu_r in the library.
+        pushing: Components of the thrusters' wrench in it.
         names: Of the terms, L of them.
-        coefficients: Shape (L, 6), zero for what was dropped.
+        coefficients: Of the terms, zero for what was dropped.
     """
 
-    moved: np.ndarray
-    pushing: np.ndarray
+    moved: Float[np.ndarray, " a"]
+    pushing: Float[np.ndarray, " b"]
     names: list[str]
-    coefficients: np.ndarray
+    coefficients: Float[np.ndarray, "L 6"]
 
-    def wrench(self, nu_r: Array, tau: Array) -> Array:
-        """At one motion, b at CO [N, N m], shape (6,)."""
+    def wrench(self, nu_r: Vector6, tau: Vector6) -> Vector6:
+        """At one motion, b at CO [N, N m]."""
         return jnp.stack(_library(nu_r, tau, self.moved, self.pushing, jnp)) @ self.coefficients
 
     def lines(self) -> list[str]:
@@ -71,7 +73,7 @@ def sparse(windows: Windows) -> Sparse:
     return Sparse(moved, pushing, names, found)
 
 
-def _chosen(F: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _chosen(F: Float[np.ndarray, "W L"], y: Float[np.ndarray, " W"]) -> Float[np.ndarray, " L"]:
     """Coefficients at the best threshold; none at all where that predicts best."""
     part = np.arange(len(y)) * _PARTS // len(y)
     errors = [float(np.sum(y**2))]
@@ -84,8 +86,8 @@ def _chosen(F: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.zeros(F.shape[1]) if best == 0 else _thresholded(F, y, THRESHOLDS[best - 1])
 
 
-def _thresholded(F: np.ndarray, y: np.ndarray, threshold: float) -> np.ndarray:
-    """Coefficients of unit terms F, shape (W, L)."""
+def _thresholded(F: Float[np.ndarray, "W L"], y: Float[np.ndarray, " W"], threshold: float) -> Float[np.ndarray, " L"]:
+    """Coefficients of unit terms F."""
     kept, out = np.ones(F.shape[1], bool), np.zeros(F.shape[1])
     for _ in range(_ROUNDS):
         A = F[:, kept]
@@ -101,7 +103,11 @@ def _thresholded(F: np.ndarray, y: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def _library(
-    nu: Any, tau: Any, moved: Sequence[int] | np.ndarray, pushing: Sequence[int] | np.ndarray, xp: Any
+    nu: Any,
+    tau: Any,
+    moved: Sequence[int] | Int[np.ndarray, " a"],
+    pushing: Sequence[int] | Int[np.ndarray, " b"],
+    xp: Any,
 ) -> list:
     """Terms, each of the shape of one component of nu; the last axis of nu and tau is that of components."""
     v, f = [nu[..., j] for j in moved], [tau[..., j] for j in pushing]
@@ -110,7 +116,7 @@ def _library(
     return [*terms, *f, *(a * b for a in f for b in v), *(a * xp.abs(b) for a in f for b in v)]
 
 
-def _names(moved: np.ndarray, pushing: np.ndarray) -> list[str]:
+def _names(moved: Int[np.ndarray, " a"], pushing: Int[np.ndarray, " b"]) -> list[str]:
     v, f = [_VELOCITIES[j] for j in moved], [_FORCES[j] for j in pushing]
     names = [*v, *(f"{a}|{b}|" for a in v for b in v)]
     names += [f"{v[i]}{v[j]}" for i in range(len(v)) for j in range(i + 1, len(v))]

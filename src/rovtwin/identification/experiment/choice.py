@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Real
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.experiment.information import Information, inverse
@@ -17,12 +18,12 @@ from rovtwin.identification.joint.model.parameters import Parameters
 LEARNT = 0.5  # a parameter counts as identifiable where a test brings its standard deviation below this share
 
 
-def spread(prior: Gaussian, information: Information, times: np.ndarray) -> float:
+def spread(prior: Gaussian, information: Information, times: Real[np.ndarray, " tests"]) -> float:
     """What a plan makes small: mean logarithm of the variances of theta over those of the prior."""
     return _spread(prior, inverse(information.after(prior, times)))
 
 
-def _spread(prior: Gaussian, covariance: np.ndarray) -> float:
+def _spread(prior: Gaussian, covariance: Float[np.ndarray, "n n"]) -> float:
     n = len(prior.mean)
     return float(np.mean(np.log(np.diag(covariance)[:n] / np.diag(prior.covariance))))
 
@@ -50,7 +51,7 @@ def choose_tests(prior: Gaussian, information: Information, seconds: float, star
     return _exchanged(prior, information, order, seconds)
 
 
-def _times(information: Information, order: Sequence[int]) -> np.ndarray:
+def _times(information: Information, order: Sequence[int]) -> Float[np.ndarray, " tests"]:
     return np.bincount(np.asarray(order, dtype=int), minlength=len(information.seconds)).astype(float)
 
 
@@ -72,8 +73,10 @@ def _best(prior: Gaussian, information: Information, order: Sequence[int], secon
     return best
 
 
-def _most(prior: Gaussian, information: Information, covariance: np.ndarray) -> np.ndarray:
-    """What each candidate gains at most per second, shape (tests,).
+def _most(
+    prior: Gaussian, information: Information, covariance: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, " tests"]:
+    """What each candidate gains at most per second.
 
     A variance is the inverse of a Schur complement, which is concave in the information, so that its logarithm is
     convex: no candidate gains more than the slope says. Few have to be looked at more closely.
@@ -112,22 +115,22 @@ class Expected:
         names: Of the parameters.
         values: Where theta = 0, in their units.
         relative: Whether standard deviations are shares of the value, else in its unit.
-        prior, plan: Standard deviation before and after, shape (n,).
-        minutes: After each manoeuvre [min], shape (k,).
-        path: Standard deviations after each, shape (k, n).
+        prior, plan: Standard deviation before and after.
+        minutes: After each manoeuvre [min].
+        path: Standard deviations after each.
     """
 
     names: list[str]
-    values: np.ndarray
-    relative: np.ndarray
-    prior: np.ndarray
-    plan: np.ndarray
-    minutes: np.ndarray
-    path: np.ndarray
+    values: Float[np.ndarray, " n"]
+    relative: Bool[np.ndarray, " n"]
+    prior: Float[np.ndarray, " n"]
+    plan: Float[np.ndarray, " n"]
+    minutes: Float[np.ndarray, " k"]
+    path: Float[np.ndarray, "k n"]
 
     @property
-    def learnt(self) -> np.ndarray:
-        """Which parameters the plan identifies, shape (n,), bool."""
+    def learnt(self) -> Bool[np.ndarray, " n"]:
+        """Which parameters the plan identifies."""
         return self.plan < LEARNT * self.prior
 
     def each_minute(self) -> list[tuple[float, float]]:
@@ -154,18 +157,22 @@ def expected(parameters: Parameters, prior: Gaussian, information: Information, 
     )
 
 
-def identified(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Which parameters at least one of two tests brings below half of the prior's standard deviation, shape (n,)."""
+def identified(
+    ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"], prior: Float[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
+    """Which parameters at least one of two tests brings below half of the prior's standard deviation."""
     return np.minimum(ours, theirs) < LEARNT * prior
 
 
-def variance_ratio(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> float:
+def variance_ratio(
+    ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"], prior: Float[np.ndarray, " n"]
+) -> float:
     """Geometric mean of our variances over theirs, of the parameters that at least one of both identifies.
 
     Args:
-        ours: Standard deviations, shape (n,).
+        ours: Standard deviations.
         theirs: The same.
-        prior: Before any test, shape (n,).
+        prior: Before any test.
     """
     known = identified(ours, theirs, prior)
     return float(np.exp(2.0 * np.mean(np.log(ours[known] / theirs[known]))))

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int, Real
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax, jnp
@@ -42,24 +43,24 @@ class Information:
     """What tests tell: about theta and the offsets of sensors, which is what adds up.
 
     Attributes:
-        matrices: Of each test, the states eliminated, shape (tests, n + G, n + G).
-        offsets: Prior information of the offsets, shape (G,).
-        seconds: How long each test takes, shape (tests,).
+        matrices: Of each test, the states eliminated.
+        offsets: Prior information of the offsets.
+        seconds: How long each test takes.
     """
 
-    matrices: np.ndarray
-    offsets: np.ndarray
-    seconds: np.ndarray
+    matrices: Float[np.ndarray, "tests m m"]
+    offsets: Float[np.ndarray, " G"]
+    seconds: Float[np.ndarray, " tests"]
 
-    def after(self, prior: Gaussian, times: np.ndarray) -> np.ndarray:
-        """Of theta and offsets once each test was flown so many times, shapes (tests,) -> (n + G, n + G)."""
+    def after(self, prior: Gaussian, times: Real[np.ndarray, " tests"]) -> Float[np.ndarray, "m m"]:
+        """Of theta and offsets once each test was flown so many times."""
         n = len(prior.mean)
         total = np.tensordot(times, self.matrices, 1) + np.diag(np.concatenate([np.zeros(n), self.offsets]))
         total[:n, :n] += prior.information
         return total
 
-    def covariance(self, prior: Gaussian, times: np.ndarray) -> np.ndarray:
-        """Expected covariance of theta after each test was flown so many times, shapes (tests,) -> (n, n)."""
+    def covariance(self, prior: Gaussian, times: Real[np.ndarray, " tests"]) -> Float[np.ndarray, "n n"]:
+        """Expected covariance of theta after each test was flown so many times."""
         n = len(prior.mean)
         return inverse(self.after(prior, times))[:n, :n]
 
@@ -68,13 +69,13 @@ class Information:
 class Path:
     """Where the vehicle was: t (n,) [s], position (n, 3), attitude (n, 4), nu (n, 6)."""
 
-    t: np.ndarray
-    position: np.ndarray
-    attitude: np.ndarray
-    nu: np.ndarray
+    t: Float[np.ndarray, " n"]
+    position: Float[np.ndarray, "n 3"]
+    attitude: Float[np.ndarray, "n 4"]
+    nu: Float[np.ndarray, "n 6"]
 
-    def at(self, t: np.ndarray) -> Nodes:
-        """States at times of the path, shape (k,)."""
+    def at(self, t: Float[np.ndarray, " k"]) -> Nodes:
+        """States at times of the path."""
         rows = np.clip(np.searchsorted(self.t, t - 1e-6), 0, len(self.t) - 1)
         return undisturbed(*(np.asarray(x)[rows] for x in (self.position, self.attitude, self.nu)))
 
@@ -84,7 +85,7 @@ def information(
     tests: Sequence[Sequence[Record]],
     paths: Sequence[Path],
     seconds: Sequence[float],
-    defect: np.ndarray = DEFECT,
+    defect: Float[np.ndarray, "18"] = DEFECT,
     misfit: Mapping[str, float] = MISFIT,
     grid: Grid = GRID,
     progress: Callable[[float], None] = lambda share: None,
@@ -96,7 +97,7 @@ def information(
         tests: The Records of each, all with the same signals; only commands and times of readings count.
         paths: Where the vehicle is in each test.
         seconds: How long each takes, with what leaves no Record.
-        defect: By how much a segment misses the next state, standard deviations, shape (18,).
+        defect: By how much a segment misses the next state, standard deviations.
         misfit: What a model misses each signal by, besides the declared noise; {}: nothing.
         grid: How Records are cut; a state is free at the start of each segment.
         progress: Told which share is done.
@@ -159,15 +160,15 @@ class _Cuts:
         return jax.tree.map(lambda x: jnp.asarray(x[rows]), (self.nodes, arrays))
 
 
-def _noise(segments: Segments, misfit: Mapping[str, float]) -> np.ndarray:
-    """Standard deviation of every signal component, with what a model misses it by, shape (G,)."""
+def _noise(segments: Segments, misfit: Mapping[str, float]) -> Float[np.ndarray, " G"]:
+    """Standard deviation of every signal component, with what a model misses it by."""
     sigma = np.array([segments.sigma[name][i] for name, i in segments.groups])
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise IdentificationError("the noise of every sensor must be declared: without it no test can be judged")
     return np.hypot(sigma, [misfit.get(name, 0.0) for name, _ in segments.groups])
 
 
-def _batches(sizes: np.ndarray) -> tuple[list[range], int]:
+def _batches(sizes: Int[np.ndarray, " records"]) -> tuple[list[range], int]:
     """Records that are simulated in one go, and how many segments that are: one program, whatever there is to judge."""
     most = max(min(BATCH, int(sizes.sum())), int(sizes.max()))
     batches, first = [], 0
@@ -178,8 +179,8 @@ def _batches(sizes: np.ndarray) -> tuple[list[range], int]:
     return batches, most
 
 
-def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
-    """Information of [theta, offsets] of one record, its states eliminated, shape (n + G, n + G).
+def _reduced(readings: Float[np.ndarray, "S _ _"], defects: Float[np.ndarray, "S 18 _"]) -> Float[np.ndarray, "m m"]:
+    """Information of [theta, offsets] of one record, its states eliminated.
 
     Args:
         readings: J'WJ by segment, columns node, theta, offsets, shape (S, 18 + n + G, ...).
@@ -202,8 +203,8 @@ def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
     return whole[S * NODE :, S * NODE :] - border.T @ np.linalg.solve(states, border)
 
 
-def inverse(information: np.ndarray) -> np.ndarray:
-    """Covariance of theta and offsets, shape (m, m)."""
+def inverse(information: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
+    """Covariance of theta and offsets."""
     # Scaled first: information of a gyro's zero and of a thruster's curve are fifteen orders apart.
     scale = 1.0 / np.sqrt(np.diag(information))
     both = np.outer(scale, scale)

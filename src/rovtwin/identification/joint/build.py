@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.model.gaussian import Gaussian
@@ -29,7 +30,7 @@ def problem_of(
     return Problem(shooting, start, static_evidence(parameters, anchors), measured_starts=settings.starts == "measured")
 
 
-def offsets_of(problem: Problem, solution: Solution) -> dict[str, np.ndarray]:
+def offsets_of(problem: Problem, solution: Solution) -> dict[str, Float[np.ndarray, " _"]]:
     """Constant errors of the sensors as estimated, by signal."""
     out, start = {}, 0
     for name in problem.segments.levers:

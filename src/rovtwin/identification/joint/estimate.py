@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
@@ -33,9 +34,9 @@ class Solution:
     Attributes:
         unknowns: In the middle of the posterior, see `posterior_mean`; the nodes at its maximum.
         noise: As estimated.
-        covariance: Of theta, shape (n, n), with the widening and the effects.
+        covariance: Of theta, with the widening and the effects.
         information: Of theta from the readings and static evidence alone, without the prior, at the maximum, (n, n).
-        offset_std: Standard deviation of the offsets, shape (G,).
+        offset_std: Standard deviation of the offsets.
         widening: By how much the widths are larger than the curvature's, since stretches of the tests disagree, (n,).
         stretches: The most into which the tests were divided for that; 0 where they are too short.
         converged: Whether the last step was below a hundredth of a standard deviation, or none gained anything.
@@ -48,10 +49,10 @@ class Solution:
 
     unknowns: Unknowns
     noise: Noise
-    covariance: np.ndarray
-    information: np.ndarray
-    offset_std: np.ndarray
-    widening: np.ndarray
+    covariance: Float[np.ndarray, "n n"]
+    information: Float[np.ndarray, "n n"]
+    offset_std: Float[np.ndarray, " G"]
+    widening: Float[np.ndarray, " n"]
     stretches: int
     converged: bool
     steps: int
@@ -128,8 +129,8 @@ def _better(
     arrow: Arrow,
     cost: float,
     damping: float,
-    before: np.ndarray | None,
-) -> tuple[Unknowns, float, float, float, np.ndarray | None] | None:
+    before: Float[np.ndarray, " n"] | None,
+) -> tuple[Unknowns, float, float, float, Float[np.ndarray, " n"] | None] | None:
     """Unknowns of lower cost, that cost, damping to go on with, largest change in standard deviations, and the step.
 
     Steps are damped in the measure of the prior: what the readings hardly see stays where it is. Undamped ones that
@@ -161,16 +162,16 @@ def _better(
     return None
 
 
-def _not_astray(x: np.ndarray) -> np.ndarray:
-    """Steps of nodes, shape (S, 18), each as far as readings can be wrong about a state.
+def _not_astray(x: Float[np.ndarray, "S 18"]) -> Float[np.ndarray, "S 18"]:
+    """Steps of nodes, each as far as readings can be wrong about a state.
 
     Where theta is held back, what it leaves is pushed onto the nodes, those most that nothing holds from behind.
     """
     return x / np.maximum(np.abs(x / _STRAY).max(axis=1, keepdims=True), 1.0)
 
 
-def _going(step: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Where a row of steps is going, shape (n,): the sum of a geometric series, each component by its own ratio."""
+def _going(step: Float[np.ndarray, " n"], before: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Where a row of steps is going: the sum of a geometric series, each component by its own ratio."""
     rate = np.where(before != 0.0, step / np.where(before != 0.0, before, 1.0), 0.0)
     return step / (1.0 - np.clip(rate, -1.0, 0.8))
 
@@ -193,7 +194,7 @@ def _rescaled(problem: Problem, here: Unknowns, noise: Noise, cost: float) -> tu
     valley and would be refused one after the other.
     """
 
-    def scaled(s: float) -> np.ndarray:
+    def scaled(s: float) -> Float[np.ndarray, " n"]:
         return np.asarray(problem.shooting.scaled(here.theta, s))
 
     best: Any = minimize_scalar(lambda s: problem.static_cost(scaled(s)), bounds=(-0.7, 0.7), method="bounded")

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve
 
@@ -19,18 +20,20 @@ STEP, WIDTH = 0.02, 0.12  # of the grid, of the kernel [s]
 _VANISHED = 0.1  # sum of the smaller singular values of a mean of rotations, below which it is no rotation any more
 
 
-def widened(t: np.ndarray, width: float = WIDTH) -> float:
-    """Standard deviation of the kernel for readings at times t [s], shape (n,): wider where they are rare."""
+def widened(t: Float[np.ndarray, " n"], width: float = WIDTH) -> float:
+    """Standard deviation of the kernel for readings at times t [s]: wider where they are rare."""
     return max(width, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else width
 
 
-def on_grid(t: np.ndarray, value: np.ndarray, grid: np.ndarray, width: float = WIDTH) -> tuple[np.ndarray, np.ndarray]:
-    """Value and rate on an even grid, shapes (m, k) and (m, k); NaN where readings are missing.
+def on_grid(
+    t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n k"], grid: Float[np.ndarray, " m"], width: float = WIDTH
+) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m k"]]:
+    """Value and rate on an even grid; NaN where readings are missing.
 
     Args:
-        t: Times of the readings [s], shape (n,).
-        value: Shape (n, k).
-        grid: Even times [s], shape (m,).
+        t: Times of the readings [s].
+        value: The readings.
+        grid: Even times [s].
         width: Standard deviation of the kernel [s]; widened where readings are rarer.
     """
     step = float(grid[1] - grid[0])
@@ -44,12 +47,14 @@ def on_grid(t: np.ndarray, value: np.ndarray, grid: np.ndarray, width: float = W
     centre = value[inside].mean(axis=0) if inside.any() else np.zeros(value.shape[1])
     value = value[inside] - centre
 
-    def spread(weight: np.ndarray) -> np.ndarray:
+    def spread(weight: Float[np.ndarray, " _"]) -> Float[np.ndarray, " m"]:
         return np.bincount(cell, weight, len(grid))
 
     one, first, second = spread(np.ones(len(cell))), spread(off), spread(off**2)
 
-    def moments(zero: np.ndarray, one_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def moments(
+        zero: Float[np.ndarray, " m"], one_: Float[np.ndarray, " m"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
         """Sums of w and w (t_i - grid point) under the kernel; the convolution flips its sign."""
         return (
             fftconvolve(zero, kernel, "same"),
@@ -72,12 +77,16 @@ def on_grid(t: np.ndarray, value: np.ndarray, grid: np.ndarray, width: float = W
     return smooth, rate
 
 
-def held(t: np.ndarray, value: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Values that hold until the next, on the grid, shape (m, k)."""
+def held(
+    t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n k"], grid: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "m k"]:
+    """Values that hold until the next, on the grid."""
     return value[np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, len(t) - 1)]
 
 
-def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> tuple[np.ndarray, np.ndarray]:
+def rotation_on_grid(
+    signal: Signal, grid: Float[np.ndarray, " m"], width: float = WIDTH
+) -> tuple[Float[np.ndarray, "m 3 3"], Float[np.ndarray, "m 3 3"]]:
     """R_nb of an attitude on an even grid and its rate, (m, 3, 3): smoothed as matrices and made orthogonal again.
 
     No wrap and no singularity, whatever the angles do. The mean of matrices is R P, P symmetric: a turn at w shrinks
@@ -101,8 +110,8 @@ def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> 
     return R, rate
 
 
-def body_rates(R: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """omega [rad/s] of R_nb and its rate, (m, 3, 3): S(omega) = R' R_dot, shape (m, 3)."""
+def body_rates(R: Float[np.ndarray, "m 3 3"], rate: Float[np.ndarray, "m 3 3"]) -> Float[np.ndarray, "m 3"]:
+    """omega [rad/s] of R_nb and its rate: S(omega) = R' R_dot."""
     return vector_of_skew(np.einsum("nji,njk->nik", R, rate))
 
 
@@ -112,14 +121,14 @@ class Motion:
 
     Attributes:
         record: Where it comes from.
-        t: Even grid [s], shape (m,).
+        t: Even grid [s].
         width: Standard deviation of the kernel [s]; wider for a signal whose readings are rare.
     """
 
     record: Record
-    t: np.ndarray
+    t: Float[np.ndarray, " m"]
     width: float = WIDTH
-    _known: dict[str, tuple[np.ndarray, np.ndarray] | None] = field(default_factory=dict)
+    _known: dict[str, tuple[Float[np.ndarray, "m _"], Float[np.ndarray, "m _"]] | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, record: Record) -> "Motion":
@@ -131,7 +140,7 @@ class Motion:
         width = max([self.width, *(widened(t, self.width) for t in times)])
         return self if width == self.width else replace(self, width=width, _known={})
 
-    def values(self, name: str) -> tuple[np.ndarray, np.ndarray] | None:
+    def values(self, name: str) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m k"]] | None:
         """Smoothed readings of a signal and their rates."""
         if name not in self._known:
             signal = self.record.signals.get(name)
@@ -142,39 +151,39 @@ class Motion:
         return self._known[name]
 
     @cached_property
-    def rotation(self) -> np.ndarray | None:
-        """R_nb on the grid, shape (m, 3, 3), smoothed as matrices and made orthogonal again."""
+    def rotation(self) -> Float[np.ndarray, "m 3 3"] | None:
+        """R_nb on the grid, smoothed as matrices and made orthogonal again."""
         found = self._rotation_and_rate
         return None if found is None else found[0]
 
     @cached_property
-    def _rotation_and_rate(self) -> tuple[np.ndarray, np.ndarray] | None:
+    def _rotation_and_rate(self) -> tuple[Float[np.ndarray, "m 3 3"], Float[np.ndarray, "m 3 3"]] | None:
         signal = self.record.signals.get("attitude")
         return None if signal is None or len(signal.t) < 5 else rotation_on_grid(signal, self.t, self.width)
 
     @cached_property
-    def rate_of_attitude(self) -> np.ndarray | None:
-        """Body rates that the attitude implies [rad/s], shape (m, 3)."""
+    def rate_of_attitude(self) -> Float[np.ndarray, "m 3"] | None:
+        """Body rates that the attitude implies [rad/s]."""
         found = self._rotation_and_rate
         if found is None:
             return None
         return body_rates(*found)
 
     @cached_property
-    def omega(self) -> np.ndarray | None:
-        """Body rates [rad/s], shape (m, 3): of the gyro, else of the attitude."""
+    def omega(self) -> Float[np.ndarray, "m 3"] | None:
+        """Body rates [rad/s]: of the gyro, else of the attitude."""
         gyro = self.values("gyro")
         return self.rate_of_attitude if gyro is None else gyro[0]
 
     @cached_property
-    def rate_of_position(self) -> np.ndarray | None:
-        """Body velocity that position and attitude imply [m/s], shape (m, 3)."""
+    def rate_of_position(self) -> Float[np.ndarray, "m 3"] | None:
+        """Body velocity that position and attitude imply [m/s]."""
         position, R = self.values("position"), self.rotation
         if position is None or R is None:
             return None
         return np.einsum("nji,nj->ni", R, position[1]) + self._lever("position")
 
-    def _lever(self, name: str) -> np.ndarray | float:
+    def _lever(self, name: str) -> Float[np.ndarray, "m 3"] | float:
         """What a place away from CO adds to the velocity there, taken off: -omega x lever."""
         lever = self.record.signals[name].lever
         if not lever.any() or self.rate_of_attitude is None:
@@ -182,16 +191,16 @@ class Motion:
         return -np.cross(self.rate_of_attitude, lever)
 
     @cached_property
-    def velocity(self) -> np.ndarray | None:
-        """Body velocity of CO [m/s], shape (m, 3): measured, else of position and attitude."""
+    def velocity(self) -> Float[np.ndarray, "m 3"] | None:
+        """Body velocity of CO [m/s]: measured, else of position and attitude."""
         measured = self.values("velocity")
         if measured is None:
             return self.rate_of_position
         lever, omega = self.record.signals["velocity"].lever, self.omega
         return measured[0] - (np.cross(omega, lever) if omega is not None and lever.any() else 0.0)
 
-    def slope(self, series: np.ndarray) -> np.ndarray:
-        """Rate of a series on the grid, shape (m, k), through the same kernel; NaN next to gaps."""
+    def slope(self, series: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """Rate of a series on the grid, through the same kernel; NaN next to gaps."""
         good = np.isfinite(series).all(axis=1)
         if good.sum() < 5:
             return np.full_like(series, np.nan)
@@ -199,13 +208,13 @@ class Motion:
         rate[~good] = np.nan
         return rate
 
-    def smooth(self, series: np.ndarray) -> np.ndarray:
-        """A series on the grid, shape (m, k), through the same kernel."""
+    def smooth(self, series: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """A series on the grid, through the same kernel."""
         return gaussian_filter1d(series, self.width / STEP, axis=0, mode="nearest")
 
     @property
-    def accelerations(self) -> tuple[tuple[int, ...], np.ndarray]:
-        """Axes of nu that are measured, and their rates, shape (m, a)."""
+    def accelerations(self) -> tuple[tuple[int, ...], Float[np.ndarray, "m a"]]:
+        """Axes of nu that are measured, and their rates."""
         axes: list[int] = []
         columns = [np.empty((len(self.t), 0))]
         for first, name, series in ((0, "velocity", self.velocity), (3, "gyro", self.omega)):

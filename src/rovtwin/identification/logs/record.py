@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 
@@ -23,16 +24,16 @@ class Signal:
     """Readings of one sensor.
 
     Attributes:
-        t: Times [s], increasing, shape (n,).
-        value: Shape (n, k), components, unit and frame as in SIGNALS; no NaN: what is missing is left out.
-        sigma: Declared standard deviation of the noise per component, shape (k,), or None where nobody said.
-        lever: Where the sensor sits, from CO, b [m], shape (3,).
+        t: Times [s], increasing.
+        value: Components, unit and frame as in SIGNALS; no NaN: what is missing is left out.
+        sigma: Declared standard deviation of the noise per component, or None where nobody said.
+        lever: Where the sensor sits, from CO, b [m].
     """
 
-    t: np.ndarray
-    value: np.ndarray
-    sigma: np.ndarray | None = None
-    lever: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    t: Float[np.ndarray, " n"]
+    value: Float[np.ndarray, "n k"]
+    sigma: Float[np.ndarray, " k"] | None = None
+    lever: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
 
     def cut(self, start: float, end: float) -> "Signal":
         """Readings with start <= t <= end."""
@@ -55,8 +56,8 @@ class Record:
 
     Attributes:
         name: For people.
-        t_command: When each command was given [s], shape (m,), increasing.
-        command: Normalised thruster commands u, shape (m, n_thrusters), in the order of the vehicle's thrusters.
+        t_command: When each command was given [s], increasing.
+        command: Normalised thruster commands u, in the order of the vehicle's thrusters.
         signals: By a name of SIGNALS.
         end: When the last command stops holding [s]; nothing later is used.
         water_density: [kg/m3], or None where nobody said.
@@ -70,8 +71,8 @@ class Record:
     """
 
     name: str
-    t_command: np.ndarray
-    command: np.ndarray
+    t_command: Float[np.ndarray, " m"]
+    command: Float[np.ndarray, "m thrusters"]
     signals: dict[str, Signal]
     end: float
     water_density: float | None = None
@@ -105,7 +106,7 @@ class Record:
         """[s]"""
         return self.end - self.start
 
-    def command_at(self, t: np.ndarray) -> np.ndarray:
+    def command_at(self, t: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m thrusters"]:
         """The command that holds at times t, shape (len(t), n_thrusters)."""
         row = np.searchsorted(self.t_command, t + 1e-9, side="right") - 1
         return self.command[np.clip(row, 0, len(self.t_command) - 1)]

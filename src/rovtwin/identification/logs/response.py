@@ -8,6 +8,7 @@ axes, M^-1 T, and the shape of the thrust curve: both survive a model whose mass
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.signal import lfilter
 
 from rovtwin.core.flow import Command, Environment
@@ -26,13 +27,15 @@ _forces = jax.jit(jax.vmap(static_force, in_axes=(None, 0)))
 
 
 @jax.jit
-def _rolled(model: Model, commands: Array) -> tuple[Array, Array]:
+def _rolled(model: Model, commands: Float[Array, "steps n"]) -> tuple[Float[Array, "steps 6"], Float[Array, "steps 3"]]:
     zero = State(jnp.zeros(3), jnp.array([1.0, 0, 0, 0]), jnp.zeros(6), jnp.zeros(commands.shape[1]))
-    states = rollout(model, zero, Command(commands), Environment.calm(), ROLLOUT_STEP)
+    states = rollout(model, zero, jax.vmap(Command)(commands), Environment.calm(), ROLLOUT_STEP)
     return states.nu, states.position
 
 
-def commanded_motion(model: Model, t_command: np.ndarray, command: np.ndarray) -> dict[str, Signal]:
+def commanded_motion(
+    model: Model, t_command: Float[np.ndarray, " m"], command: Float[np.ndarray, "m n"]
+) -> dict[str, Signal]:
     """What the model does with commands from rest: body rates, velocity and depth, as signals without noise."""
     grid = np.arange(t_command[0], t_command[-1] + ROLLOUT_STEP, ROLLOUT_STEP)
     nu, position = (np.asarray(x) for x in _rolled(model, as_array(held(t_command, command, grid))))
@@ -43,8 +46,8 @@ def commanded_motion(model: Model, t_command: np.ndarray, command: np.ndarray) -
 
 def thruster_forces(
     model: Model, motion: Motion, lag: float = 0.0, shape: float | None = None, limit: float = np.inf
-) -> np.ndarray:
-    """Force of each thruster on the motion's grid [N], shape (m, n), through its lag and the kernel.
+) -> Float[np.ndarray, "m n"]:
+    """Force of each thruster on the motion's grid [N], through its lag and the kernel.
 
     Args:
         model: Thrust curves and lags.
@@ -58,7 +61,7 @@ def thruster_forces(
     return motion.smooth(_lagged(force, np.asarray(model.thrusters.time_constant)))
 
 
-def _lagged(force: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+def _lagged(force: Float[np.ndarray, "m n"], time_constant: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m n"]:
     decay = np.where(time_constant > 0, np.exp(-STEP / np.maximum(time_constant, 1e-9)), 0.0)
     return np.stack([lfilter([1.0 - a], [1.0, -a], column) for a, column in zip(decay, force.T, strict=True)], axis=1)
 
@@ -69,35 +72,35 @@ class Response:
 
     Attributes:
         axes: Indices of the axes that are measured, out of AXES.
-        gram: F'F of the forces' residuals per axis, shape (a, n, n).
-        cross: F'y per axis, shape (a, n).
-        power: y'y per axis, shape (a,).
-        expected: Rows of M^-1 T of those axes, shape (a, n).
+        gram: F'F of the forces' residuals per axis.
+        cross: F'y per axis.
+        power: y'y per axis.
+        expected: Rows of M^-1 T of those axes.
     """
 
     axes: tuple[int, ...]
-    gram: np.ndarray
-    cross: np.ndarray
-    power: np.ndarray
-    expected: np.ndarray
+    gram: Float[np.ndarray, "a n n"]
+    cross: Float[np.ndarray, "a n"]
+    power: Float[np.ndarray, " a"]
+    expected: Float[np.ndarray, "a n"]
 
-    def explained(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Share of each axis' power that forces acting through `rows`, shape (a, n), explain, and the gain on them."""
+    def explained(self, rows: Float[np.ndarray, "a n"]) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
+        """Share of each axis' power that forces acting through `rows` explain, and the gain on them."""
         size = np.einsum("an,anm,am->a", rows, self.gram, rows)
         along = np.einsum("an,an->a", rows, self.cross)
         gain = along / np.maximum(size, 1e-12)
         return np.where(size > 1e-9 * size.max(initial=1e-12), along * gain / np.maximum(self.power, 1e-12), 0.0), gain
 
     @property
-    def explainable(self) -> np.ndarray:
-        """The largest share that any row explains, shape (a,)."""
+    def explainable(self) -> Float[np.ndarray, " a"]:
+        """The largest share that any row explains."""
         ridge = 1e-6 * np.trace(self.gram, axis1=1, axis2=2)[:, None, None] * np.eye(self.gram.shape[-1])
         best = np.linalg.solve(self.gram + ridge + 1e-12 * np.eye(self.gram.shape[-1]), self.cross[..., None])[..., 0]
         return np.einsum("an,an->a", best, self.cross) / np.maximum(self.power, 1e-12)
 
 
-def nuisances(motion: Motion) -> np.ndarray:
-    """Everything but the thrusters that accelerates, as columns, shape (m, k): speeds, drag, products, attitude, 1."""
+def nuisances(motion: Motion) -> Float[np.ndarray, "m k"]:
+    """Everything but the thrusters that accelerates, as columns: speeds, drag, products, attitude, 1."""
     columns = [np.ones((len(motion.t), 1))]
     for series in (motion.velocity, motion.omega):
         if series is not None:
@@ -112,8 +115,8 @@ def nuisances(motion: Motion) -> np.ndarray:
     return np.concatenate(columns, axis=1)
 
 
-def _lately(rate: np.ndarray) -> np.ndarray:
-    """Integral of rates that forgets with MEMORY, shape (m, 3)."""
+def _lately(rate: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
+    """Integral of rates that forgets with MEMORY."""
     keep = np.exp(-STEP / MEMORY)
     return np.asarray(lfilter([STEP], [1.0, -keep], np.nan_to_num(rate), axis=0))
 
@@ -124,17 +127,17 @@ class Regression:
 
     Attributes:
         axes: Indices of the axes that are measured, out of AXES.
-        left: Residuals of the accelerations, shape (k, a).
-        basis: Orthonormal, of what is taken out, shape (k, b).
-        good: Which times of the grid are used, shape (m,).
-        pattern: Rows of M^-1 T of those axes, shape (a, n).
+        left: Residuals of the accelerations.
+        basis: Orthonormal, of what is taken out.
+        good: Which times of the grid are used.
+        pattern: Rows of M^-1 T of those axes.
     """
 
     axes: tuple[int, ...]
-    left: np.ndarray
-    basis: np.ndarray
-    good: np.ndarray
-    pattern: np.ndarray
+    left: Float[np.ndarray, "k a"]
+    basis: Float[np.ndarray, "k b"]
+    good: Bool[np.ndarray, " m"]
+    pattern: Float[np.ndarray, "a n"]
 
     @classmethod
     def of(cls, model: Model, motion: Motion) -> "Regression | None":
@@ -150,8 +153,8 @@ class Regression:
         pattern = np.asarray(model.inertia_inverse @ model.thrusters.configuration)[list(axes)]
         return cls(axes, left, Q, good, pattern)
 
-    def against(self, force: np.ndarray) -> Response:
-        """What forces of the thrusters on the grid [N], shape (m, n), explain of it."""
+    def against(self, force: Float[np.ndarray, "m n"]) -> Response:
+        """What forces of the thrusters on the grid [N] explain of it."""
         F = force[self.good]
         F = F - self.basis @ (self.basis.T @ F)
         gram = np.repeat((F.T @ F)[None], len(self.axes), axis=0)

@@ -3,11 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.logs.record import Signal
 
 
-def fitted(signal: Signal, t: np.ndarray, width: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def fitted(
+    signal: Signal, t: Float[np.ndarray, " m"], width: float = 1.0
+) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m k"]]:
     """Value and slope at times t, shapes (len(t), k): a straight line through the readings within `width` seconds.
 
     Where there are none, the nearest readings serve, and the slope is zero.

@@ -12,6 +12,7 @@ Reference: Knapp and Carter (1976), The generalized correlation method for estim
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.signal import correlate
 
 from rovtwin.core.arrays.correlation import inflation
@@ -52,7 +53,7 @@ class ClockFit:
         )
 
 
-def signatures(signals: dict[str, Signal]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def signatures(signals: dict[str, Signal]) -> dict[str, tuple[Float[np.ndarray, " _"], Float[np.ndarray, "_ _"]]]:
     """What a recording knows of the motion that another may know too: times and values, by what it is."""
     found = {}
     if "gyro" in signals:
@@ -72,14 +73,16 @@ def signatures(signals: dict[str, Signal]) -> dict[str, tuple[np.ndarray, np.nda
     return {name: (t, value) for name, (t, value) in found.items() if len(t) > 20}
 
 
-def _rate(t: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rate(
+    t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
     grid = np.arange(t[0], t[-1], STEP)
     rate = on_grid(t, value, grid)[1]
     good = np.isfinite(rate).all(axis=1)
     return grid[good], rate[good]
 
 
-def _rates_of(attitude: Signal) -> tuple[np.ndarray, np.ndarray]:
+def _rates_of(attitude: Signal) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 3"]]:
     grid = np.arange(attitude.t[0], attitude.t[-1], STEP)
     rate = body_rates(*rotation_on_grid(attitude, grid))
     good = np.isfinite(rate).all(axis=1)
@@ -109,20 +112,26 @@ def align(reference: dict[str, Signal], other: dict[str, Signal], where: str, ag
     return best
 
 
-def align_series(t_a: np.ndarray, a: np.ndarray, t_b: np.ndarray, b: np.ndarray, by: str = "") -> ClockFit:
-    """The clock of b on that of a, from the same k quantities seen by both, shapes (n, k) and (m, k)."""
+def align_series(
+    t_a: Float[np.ndarray, " n"],
+    a: Float[np.ndarray, "n k"],
+    t_b: Float[np.ndarray, " m"],
+    b: Float[np.ndarray, "m k"],
+    by: str = "",
+) -> ClockFit:
+    """The clock of b on that of a, from the same k quantities seen by both."""
     grid_a, grid_b = np.arange(t_a[0], t_a[-1], STEP), np.arange(t_b[0], t_b[-1], STEP)
     smooth_a, smooth_b = on_grid(t_a, a, grid_a)[0], on_grid(t_b, b, grid_b)[0]
     offset = float(grid_a[0] - grid_b[0]) + _coarse(_centred(smooth_a), _centred(smooth_b))
     return _refined(grid_a, smooth_a, grid_b, smooth_b, offset, by)
 
 
-def _centred(x: np.ndarray) -> np.ndarray:
+def _centred(x: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
     x = x - np.nanmean(x, axis=0)
     return np.where(np.isfinite(x), x, 0.0)
 
 
-def _coarse(a: np.ndarray, b: np.ndarray) -> float:
+def _coarse(a: Float[np.ndarray, "n k"], b: Float[np.ndarray, "m k"]) -> float:
     """Lag of b behind the start of a at the largest correlation [s], among lags that leave enough in common."""
     product = sum(correlate(a[:, k], b[:, k], "full", "fft") for k in range(a.shape[1]))
     common = correlate(np.ones(len(a)), np.ones(len(b)), "full", "fft")
@@ -134,7 +143,14 @@ def _coarse(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.argmax(np.where(enough, product / np.maximum(energy, 1e-12), -1.0)) - (len(b) - 1)) * STEP
 
 
-def _refined(t_a: np.ndarray, a: np.ndarray, t_b: np.ndarray, b: np.ndarray, offset: float, by: str) -> ClockFit:
+def _refined(
+    t_a: Float[np.ndarray, " n"],
+    a: Float[np.ndarray, "n k"],
+    t_b: Float[np.ndarray, " m"],
+    b: Float[np.ndarray, "m k"],
+    offset: float,
+    by: str,
+) -> ClockFit:
     """Gauss-Newton on offset and drift, both about the middle of b."""
     rate_b = np.gradient(b, STEP, axis=0)
     middle, shift, drift = 0.5 * (t_b[0] + t_b[-1]), offset, 0.0
@@ -163,7 +179,12 @@ def _refined(t_a: np.ndarray, a: np.ndarray, t_b: np.ndarray, b: np.ndarray, off
 
 
 def _summed_up(
-    J: np.ndarray, e: np.ndarray, seen: np.ndarray, a: np.ndarray, found: tuple[float, float, float], by: str
+    J: Float[np.ndarray, "rows 2"],
+    e: Float[np.ndarray, " rows"],
+    seen: Float[np.ndarray, "m k"],
+    a: Float[np.ndarray, "n k"],
+    found: tuple[float, float, float],
+    by: str,
 ) -> ClockFit:
     shift, drift, middle = found
     k = a.shape[1]

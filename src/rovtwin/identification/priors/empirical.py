@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from rovtwin.core.errors import IdentificationError
@@ -55,18 +56,18 @@ class EmpiricalEstimate:
     Attributes:
         outline: What it was given of the vehicle.
         density: Of the water [kg/m3].
-        added_mass: Surge to yaw, shape (6,) [kg, kg m2].
-        quadratic_damping: Shape (6,) [N s2/m2, N m s2/rad2].
-        linear_damping: Shape (6,) [N s/m, N m s/rad]; NaN in rotation where inertia and stiffness were not given.
+        added_mass: Surge to yaw [kg, kg m2].
+        quadratic_damping: Surge to yaw [N s2/m2, N m s2/rad2].
+        linear_damping: The same [N s/m, N m s/rad]; NaN in rotation where inertia and stiffness were not given.
         scaling: What strip theory was multiplied with.
         notes: Where the method is stretched, one line each.
     """
 
     outline: Outline
     density: float
-    added_mass: np.ndarray
-    quadratic_damping: np.ndarray
-    linear_damping: np.ndarray
+    added_mass: Float[np.ndarray, "6"]
+    quadratic_damping: Float[np.ndarray, "6"]
+    linear_damping: Float[np.ndarray, "6"]
     scaling: float
     notes: tuple[str, ...] = ()
 
@@ -83,16 +84,16 @@ class EmpiricalEstimate:
 def estimate(
     outline: Outline,
     density: float = FRESH_WATER,
-    inertia: np.ndarray | None = None,
-    stiffness: np.ndarray | None = None,
+    inertia: Float[np.ndarray, "2"] | None = None,
+    stiffness: Float[np.ndarray, "2"] | None = None,
 ) -> EmpiricalEstimate:
     """Added mass and damping of a box-like ROV.
 
     Args:
         outline: Size and projected areas.
         density: Of the water [kg/m3].
-        inertia: I_x, I_y about CG [kg m2], shape (2,); for linear damping in rotation.
-        stiffness: Righting, W BG, roll and pitch [N m/rad], shape (2,); for the same.
+        inertia: I_x, I_y about CG [kg m2]; for linear damping in rotation.
+        stiffness: Righting, W BG, roll and pitch [N m/rad]; for the same.
 
     Raises:
         IdentificationError: A vehicle outside the tables: a plate or a torpedo.
@@ -139,14 +140,14 @@ def _at(table: str, aspect: float) -> float:
     return float(_spline(table)(aspect))
 
 
-def _permeability(outline: Outline) -> np.ndarray:
-    """How much a frame that water runs through takes off each direction, shape (4,): x, y, z, rotation."""
+def _permeability(outline: Outline) -> Float[np.ndarray, "4"]:
+    """How much a frame that water runs through takes off each direction: x, y, z, rotation."""
     fill = outline.fill
     return np.prod(fill) * np.array([*fill, 1.0])
 
 
-def _strips(outline: Outline) -> np.ndarray:
-    """2-D added mass times the length of the strip, per density, shape (6,)."""
+def _strips(outline: Outline) -> Float[np.ndarray, "6"]:
+    """2-D added mass times the length of the strip, per density."""
     length, width, height = outline.size
     along, across = _at("rectangle", width / length), _at("rectangle", length / width)
     linear = np.pi / 4 * np.array([along * width**2 * height, across * length**2 * height, across * length**2 * width])
@@ -168,8 +169,8 @@ def _prism(outline: Outline) -> float:
     return _at("prism", length / side) * length * side**2 * float(_permeability(outline)[0])
 
 
-def _quadratic(outline: Outline) -> np.ndarray:
-    """1/2 C_D A in translation, pressure on the turning faces in rotation; per density, shape (6,)."""
+def _quadratic(outline: Outline) -> Float[np.ndarray, "6"]:
+    """1/2 C_D A in translation, pressure on the turning faces in rotation; per density."""
     length, width, height = outline.size
     slender = length / (0.5 * (width + height))
     scaling = _at("drag 3d", slender) / _at("drag 2d", length / width)
@@ -191,8 +192,11 @@ def _turning_face(across: float, thickness: float, span: float, fill: float) -> 
 
 
 def _linear(
-    quadratic: np.ndarray, added: np.ndarray, inertia: np.ndarray | None, stiffness: np.ndarray | None
-) -> np.ndarray:
+    quadratic: Float[np.ndarray, "6"],
+    added: Float[np.ndarray, "6"],
+    inertia: Float[np.ndarray, "2"] | None,
+    stiffness: Float[np.ndarray, "2"] | None,
+) -> Float[np.ndarray, "6"]:
     """A share of the quadratic; roll and pitch by damping ratio, yaw by pitch's share."""
     linear = np.append(LINEAR_SHARE * quadratic[:3], [np.nan] * 3)
     if inertia is not None and stiffness is not None and (np.asarray(stiffness) > 0).all():

@@ -7,6 +7,7 @@ Triangles larger than a panel are cut; a finer mesh than panels want is made coa
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.priors.panel import PANELS, Mesher
@@ -66,7 +67,9 @@ def mesher_of_solids(bodies: list[Solid], name: str) -> Mesher:
     return Mesher(at, at(largest / 12, LEAST - 1).area, 0.0, name, 2.0)  # roughly: no merged mesh is refused
 
 
-def _of_solid(solid: Solid, size: float, least: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _of_solid(
+    solid: Solid, size: float, least: int, name: str
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """Vertices in b, (n, 3), and triangles (m, 3) of about that side."""
     if solid.mesh is None:
         found = surface_of([solid], size, least)
@@ -81,7 +84,7 @@ def _of_solid(solid: Solid, size: float, least: int, name: str) -> tuple[np.ndar
     return found.vertices, found.faces[:, :3]
 
 
-def _order(whole: Panels, faces: np.ndarray) -> float:
+def _order(whole: Panels, faces: Int[np.ndarray, "m _"]) -> float:
     """Of a mesh that is only cut; merging two ways gives two bodies, which are no sequence."""
     return _ORDER if len(faces) < 0.1 * PANELS else 0.0
 
@@ -93,7 +96,7 @@ def _read(path: Path) -> ClosedMesh:
         raise IdentificationError(str(error)) from error
 
 
-def _rotation(frame: tuple[str, str, str]) -> np.ndarray:
+def _rotation(frame: tuple[str, str, str]) -> Float[np.ndarray, "3 3"]:
     """Rows: forward, starboard, down in the file's axes."""
     units = {"x": 0, "y": 1, "z": 2}
     R = np.zeros((3, 3))
@@ -110,7 +113,7 @@ def _rotation(frame: tuple[str, str, str]) -> np.ndarray:
     return R
 
 
-def _require_metres(vertices: np.ndarray, name: str, scale: float) -> None:
+def _require_metres(vertices: Float[np.ndarray, "n 3"], name: str, scale: float) -> None:
     longest = float(np.ptp(vertices, axis=0).max())
     if _SMALLEST <= longest <= LARGEST:
         return
@@ -122,11 +125,11 @@ def _require_metres(vertices: np.ndarray, name: str, scale: float) -> None:
     raise IdentificationError(f"{name}: found a body {longest:.3g} m long, expected {_SMALLEST} to {LARGEST} m; {hint}")
 
 
-def _four(faces: np.ndarray) -> np.ndarray:
+def _four(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 4"]:
     return np.column_stack([faces, faces[:, 2]])
 
 
-def _at(whole: Panels, faces: np.ndarray, size: float, name: str, only_for_error: bool) -> Panels:
+def _at(whole: Panels, faces: Int[np.ndarray, "m 3"], size: float, name: str, only_for_error: bool) -> Panels:
     import trimesh
 
     if whole.area / size**2 > 0.5 * len(faces):
@@ -144,14 +147,16 @@ def _at(whole: Panels, faces: np.ndarray, size: float, name: str, only_for_error
     return panels
 
 
-def _panels(vertices: np.ndarray, triangles: np.ndarray, notes: tuple[str, ...]) -> Panels:
+def _panels(vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"], notes: tuple[str, ...]) -> Panels:
     wet = wet_share(vertices, triangles)
     if wet is not None:
         notes = (*notes, f"shells run into each other: {100 * (1 - wet.mean()):.0f} % of the panels lie inside others")
     return Panels(vertices, _four(triangles), notes, wet)
 
 
-def _merged(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+def _merged(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], cell: float
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "f 3"]]:
     """Vertices of each cell of a grid made one, at their mean; triangles that vanish left out."""
     index = np.floor((vertices - vertices.min(axis=0)) / cell).astype(int)
     _, owner, count = np.unique(index, axis=0, return_inverse=True, return_counts=True)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from rovtwin.core.errors import IdentificationError
@@ -14,10 +15,10 @@ _GRID = 600  # samples along the longer side of a projection: areas to about 0.3
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Length, width, height [m], shape (3,), and areas seen from ahead, from abeam, from above [m2], shape (3,)."""
+    """Length, width, height [m], and areas seen from ahead, from abeam, from above [m2]."""
 
-    size: np.ndarray
-    areas: np.ndarray
+    size: Float[np.ndarray, "3"]
+    areas: Float[np.ndarray, "3"]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.size).all() and np.isfinite(self.areas).all() and (self.size > 0).all()):
@@ -30,17 +31,17 @@ class Outline:
                     f"{face:.4g} m2" + (": looks like mm2, divide by 1e6" if area > 1000 * face else "")
                 )
 
-    def _faces(self) -> np.ndarray:
+    def _faces(self) -> Float[np.ndarray, "3"]:
         length, width, height = self.size
         return np.array([width * height, length * height, length * width])
 
     @property
-    def fill(self) -> np.ndarray:
-        """Area over that of the box's face, shape (3,)."""
+    def fill(self) -> Float[np.ndarray, "3"]:
+        """Area over that of the box's face."""
         return self.areas / self._faces()
 
 
-def full_box(size: np.ndarray) -> Outline:
+def full_box(size: Float[np.ndarray, "3"]) -> Outline:
     """A box without gaps [m]."""
     length, width, height = np.asarray(size, dtype=float)
     return Outline(np.asarray(size, dtype=float), np.array([width * height, length * height, length * width]))

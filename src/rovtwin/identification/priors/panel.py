@@ -14,6 +14,7 @@ from inspect import signature
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import imported
@@ -54,21 +55,21 @@ class PanelAddedMass:
     """Added mass of a body in ideal water.
 
     Attributes:
-        matrix: M_A at CO, shape (6, 6), symmetric [kg, kg m, kg m2], in the limit of fine panels.
-        error: Numerical, of the diagonal, as a share of it, shape (6,); 0 where the diagonal is.
+        matrix: M_A at CO, symmetric [kg, kg m, kg m2], in the limit of fine panels.
+        error: Numerical, of the diagonal, as a share of it; 0 where the diagonal is.
         asymmetry: Largest difference across the diagonal before it was taken out, of sqrt(M_ii M_jj).
         panels: The finer mesh.
-        pressure: On each panel for unit acceleration in each direction, [Pa s2/m, Pa s2/rad], shape (m, 6).
+        pressure: On each panel for unit acceleration in each direction, [Pa s2/m, Pa s2/rad].
         density: Of the water [kg/m3].
         surroundings: In words: unbounded, or where surface and floor are.
         notes: What to know of the mesh, one line each.
     """
 
-    matrix: np.ndarray
-    error: np.ndarray
+    matrix: Float[np.ndarray, "6 6"]
+    error: Float[np.ndarray, "6"]
     asymmetry: float
     panels: Panels
-    pressure: np.ndarray
+    pressure: Float[np.ndarray, "m 6"]
     density: float
     surroundings: str
     notes: tuple[str, ...] = ()
@@ -128,15 +129,17 @@ def panel_added_mass(
     return PanelAddedMass(matrix, error, asymmetry, fine, pressure, density, walls.words, notes)
 
 
-def _error(diagonal: np.ndarray, difference: np.ndarray, panels: Panels) -> np.ndarray:
+def _error(
+    diagonal: Float[np.ndarray, "6"], difference: Float[np.ndarray, "6"], panels: Panels
+) -> Float[np.ndarray, "6"]:
     """What was extrapolated, or where that is not possible how far the meshes differ; share of the diagonal, (6,)."""
     carried = diagonal > 0
     error = np.where(carried, np.abs(difference) / np.where(carried, diagonal, 1.0), 0.0)
     return error if panels.wet is None else np.where(carried, np.maximum(error, _SOURCES_ERROR), 0.0)
 
 
-def _scale(matrix: np.ndarray, panels: Panels) -> np.ndarray:
-    """What an element of the body's size would be, shape (6, 6): its largest mass times its arm."""
+def _scale(matrix: Float[np.ndarray, "6 6"], panels: Panels) -> Float[np.ndarray, "6 6"]:
+    """What an element of the body's size would be: its largest mass times its arm."""
     arm = np.repeat([1.0, 0.5 * float(np.linalg.norm(panels.size))], 3)
     return float(np.abs(matrix[:3, :3]).max()) * np.outer(arm, arm)
 
@@ -207,8 +210,10 @@ class _Walls:
         return cls("unbounded water")
 
 
-def _solve(panels: Panels, density: float, walls: _Walls, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
-    """M_A of one mesh, shape (6, 6), and the pressure for unit accelerations, shape (m, 6)."""
+def _solve(
+    panels: Panels, density: float, walls: _Walls, step: Callable[[], None]
+) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "m 6"]]:
+    """M_A of one mesh, and the pressure for unit accelerations."""
     cpt = _capytaine()
     # Its table of wave integrals, half a minute to make, is not needed: a token one.
     green = cpt.Delhommeau(tabulation_nr=10, tabulation_nz=10, tabulation_cache_dir=None)
@@ -234,7 +239,9 @@ def _solve(panels: Panels, density: float, walls: _Walls, step: Callable[[], Non
     return matrix, pressure
 
 
-def _influence(green: Any, mesh: Any, sources: Any, direct: bool) -> tuple[np.ndarray, np.ndarray]:
+def _influence(
+    green: Any, mesh: Any, sources: Any, direct: bool
+) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
     """Single layer, and double layer (`direct`) or its adjoint, of a mesh or an image of it, in unbounded water."""
     options: dict[str, Any] = {"adjoint_double_layer": not direct}
     # capytaine 2 sees itself whether a mesh acts on itself; 3 has to be asked, and its `evaluate` does not pass it on.
@@ -250,12 +257,12 @@ def _capytaine() -> Any:
     return capytaine
 
 
-def _asymmetry(matrix: np.ndarray) -> float:
+def _asymmetry(matrix: Float[np.ndarray, "6 6"]) -> float:
     own = np.sqrt(np.maximum(np.diag(matrix), 1e-6 * np.abs(matrix).max()))
     return float(np.abs((matrix - matrix.T) / np.outer(own, own)).max())
 
 
-def _require_positive(matrix: np.ndarray, name: str) -> None:
+def _require_positive(matrix: Float[np.ndarray, "6 6"], name: str) -> None:
     least = np.linalg.eigvalsh(matrix)[0]
     if not np.isfinite(matrix).all() or least < -0.02 * np.abs(matrix).max():
         raise IdentificationError(
@@ -264,7 +271,7 @@ def _require_positive(matrix: np.ndarray, name: str) -> None:
         )
 
 
-def _doubts(error: np.ndarray, asymmetry: float) -> list[str]:
+def _doubts(error: Float[np.ndarray, "6"], asymmetry: float) -> list[str]:
     notes = []
     if (worst := float(error.max())) > 0.03:
         axis = AXES[int(error.argmax())]

@@ -8,6 +8,7 @@ touch are cut at each other's faces, and what lies inside is left out; other par
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.vehicle.description.schema import Body
@@ -24,31 +25,31 @@ class Panels:
     """A closed surface, normals outward.
 
     Attributes:
-        vertices: In b at CO [m], shape (n, 3).
-        faces: Rows of vertices, shape (m, 4); a triangle repeats its last one.
+        vertices: In b at CO [m].
+        faces: Rows of vertices; a triangle repeats its last one.
         notes: What was left out or mended, one line each.
-        wet: Share of each panel that water touches, shape (m,); None: all of all. Where parts run into each other at an
-            angle the surface keeps their hidden panels, so that each part stays closed.
+        wet: Share of each panel that water touches; None: all of all. Where parts run into each other at an angle the
+            surface keeps their hidden panels, so that each part stays closed.
     """
 
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 4"]
     notes: tuple[str, ...] = ()
-    wet: np.ndarray | None = None
+    wet: Float[np.ndarray, " m"] | None = None
 
     @property
-    def corners(self) -> np.ndarray:
+    def corners(self) -> Float[np.ndarray, "m 4 3"]:
         """Shape (m, 4, 3)."""
         return self.vertices[self.faces]
 
     @property
-    def centers(self) -> np.ndarray:
-        """Mean of the corners [m], shape (m, 3)."""
+    def centers(self) -> Float[np.ndarray, "m 3"]:
+        """Mean of the corners [m]."""
         return self.corners.mean(axis=1)
 
     @property
-    def area_vectors(self) -> np.ndarray:
-        """Outward normal times area [m2], shape (m, 3)."""
+    def area_vectors(self) -> Float[np.ndarray, "m 3"]:
+        """Outward normal times area [m2]."""
         a, b, c, d = np.moveaxis(self.corners, 1, 0)
         return 0.5 * np.cross(c - a, d - b)
 
@@ -63,8 +64,8 @@ class Panels:
         return float((self.centers * self.area_vectors).sum() / 3)
 
     @property
-    def size(self) -> np.ndarray:
-        """Of the box around it [m], shape (3,)."""
+    def size(self) -> Float[np.ndarray, "3"]:
+        """Of the box around it [m]."""
         return np.ptp(self.vertices, axis=0)
 
 
@@ -93,8 +94,8 @@ def _solids(body: Body, placement: Placement) -> list[Solid]:
     return own
 
 
-def corner_points(solid: Solid) -> np.ndarray:
-    """Points on a solid whose convex hull is nearly the solid, in b, shape (n, 3)."""
+def corner_points(solid: Solid) -> Float[np.ndarray, "n 3"]:
+    """Points on a solid whose convex hull is nearly the solid, in b."""
     if solid.kind == "box":
         local = 0.5 * SIGNS * solid.size
     elif solid.mesh is not None:
@@ -132,8 +133,8 @@ def surface_of(bodies: list[Solid], panel_size: float, least: int = LEAST) -> Pa
     return replace(every, wet=_wet_share(every, owner, bodies), notes=tuple(notes))
 
 
-def _joined(bodies: list[Solid], panel_size: float, least: int) -> tuple[Panels, np.ndarray]:
-    """All panels of all solids, and which solid each is of, shape (m,)."""
+def _joined(bodies: list[Solid], panel_size: float, least: int) -> tuple[Panels, Int[np.ndarray, " m"]]:
+    """All panels of all solids, and which solid each is of."""
     vertices, faces, owner, count = [], [], [], 0
     for i, solid in enumerate(bodies):
         local, quads = _local_panels(solid, panel_size, least, _cuts(solid, bodies))
@@ -144,8 +145,8 @@ def _joined(bodies: list[Solid], panel_size: float, least: int) -> tuple[Panels,
     return Panels(np.concatenate(vertices), np.concatenate(faces)), np.concatenate(owner)
 
 
-def _wet_share(panels: Panels, owner: np.ndarray, bodies: list[Solid]) -> np.ndarray:
-    """Share of each panel outside all solids but its own, by 4 x 4 points on it, shape (m,)."""
+def _wet_share(panels: Panels, owner: Int[np.ndarray, " m"], bodies: list[Solid]) -> Float[np.ndarray, " m"]:
+    """Share of each panel outside all solids but its own, by 4 x 4 points on it."""
     at = (np.arange(4) + 0.5) / 4
     share = np.zeros(len(owner))
     for u in at:
@@ -179,7 +180,9 @@ def _cuts(solid: Solid, bodies: list[Solid]) -> list[np.ndarray]:
     return [np.unique(np.round(at, 9)) for at in cuts]
 
 
-def _hidden(panels: Panels, owner: np.ndarray, bodies: list[Solid], tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+def _hidden(
+    panels: Panels, owner: Int[np.ndarray, " m"], bodies: list[Solid], tolerance: float
+) -> tuple[Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
     """Panels that water does not touch: those inside another solid, and those on the face of an earlier one."""
     normal = panels.area_vectors / np.linalg.norm(panels.area_vectors, axis=1, keepdims=True)
     step = tolerance * normal
@@ -191,8 +194,8 @@ def _hidden(panels: Panels, owner: np.ndarray, bodies: list[Solid], tolerance: f
     return hidden, double & ~hidden
 
 
-def _inside(solid: Solid, points: np.ndarray) -> np.ndarray:
-    """Which points of b, shape (n, 3), lie in a solid."""
+def _inside(solid: Solid, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Which points of b lie in a solid."""
     x, y, z = ((points - solid.placement.position) @ solid.placement.rotation / (0.5 * solid.size)).T
     if solid.kind == "box":
         return (np.abs(x) < 1) & (np.abs(y) < 1) & (np.abs(z) < 1)
@@ -203,7 +206,7 @@ def _inside(solid: Solid, points: np.ndarray) -> np.ndarray:
 
 def _local_panels(
     solid: Solid, panel_size: float, least: int = LEAST, cuts: list[np.ndarray] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 4"]]:
     if solid.kind == "cylinder":
         return _cylinder(solid.size[0], 0.5 * solid.size[1], panel_size, least)
     # The cube around a sphere has twice its surface: fewer panels for the same mean size.
@@ -218,12 +221,12 @@ def _local_panels(
     return vertices * np.cbrt(solid.volume() / Panels(vertices, faces).volume), faces
 
 
-def _graded(count: int) -> np.ndarray:
-    """Points from -1 to 1, dense at both ends, shape (count + 1,)."""
+def _graded(count: int) -> Float[np.ndarray, " points"]:
+    """Points from -1 to 1, dense at both ends."""
     return np.sin(0.5 * np.pi * np.linspace(-1, 1, count + 1))
 
 
-def _graded_between(count: int, cuts: object) -> np.ndarray:
+def _graded_between(count: int, cuts: object) -> Float[np.ndarray, " points"]:
     """The same with points at given places, dense there too."""
     ends = np.concatenate([[-1.0], np.asarray(cuts, dtype=float), [1.0]])
     pieces = [
@@ -233,7 +236,7 @@ def _graded_between(count: int, cuts: object) -> np.ndarray:
     return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
 
 
-def _grid_box(lines: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _grid_box(lines: list[np.ndarray]) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 4"]]:
     """Surface of the cube from -1 to 1 along three sets of grid lines, normals outward."""
     vertices, faces, count = [], [], 0
     for axis in range(3):
@@ -249,13 +252,15 @@ def _grid_box(lines: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def _quads(rows: int, columns: int) -> np.ndarray:
+def _quads(rows: int, columns: int) -> Int[np.ndarray, "m 4"]:
     """Faces of a grid of points stored row by row, anticlockwise as seen with rows to the right, columns up."""
     index = np.arange(rows * columns).reshape(rows, columns)
     return np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
 
 
-def _cylinder(length: float, radius: float, panel_size: float, least: int) -> tuple[np.ndarray, np.ndarray]:
+def _cylinder(
+    length: float, radius: float, panel_size: float, least: int
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 4"]]:
     """Along x; its polygon has the circle's area."""
     around = max(3 * least, int(np.ceil(2 * np.pi * radius / panel_size)))
     along = max(least, int(np.ceil(length / panel_size)))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.constants import AXES, COEFFICIENT_UNITS
 from rovtwin.vehicle.description.totals.added_mass import Solid
@@ -70,11 +71,13 @@ def widths_of(kind: str, openness: float = 0.0) -> dict[str, float]:
     }
 
 
-def log_normals(values: Mapping[str, np.ndarray], widths: Mapping[str, float], source: str) -> dict[str, LogNormal]:
+def log_normals(
+    values: Mapping[str, Float[np.ndarray, "6"]], widths: Mapping[str, float], source: str
+) -> dict[str, LogNormal]:
     """Priors by name, of arrays of 6 by quantity; what is not a positive number is left out.
 
     Args:
-        values: Quantities of COEFFICIENT_UNITS, each shape (6,), surge to yaw.
+        values: Quantities of COEFFICIENT_UNITS, surge to yaw.
         widths: By name, as `widths_of` gives them.
         source: Method and reference.
     """

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, IdentificationError
@@ -48,8 +49,8 @@ class Identification(Result):
         vehicle: What was identified.
         parameters: The free ones; `values` gives them in their units.
         prior: What was known before.
-        theta: The estimate, shape (n,).
-        covariance: Of theta, shape (n, n).
+        theta: The estimate.
+        covariance: Of theta.
         verdicts: `learnt`, `partly`, `prior only` or `contradicted`, per parameter.
         blind: Combinations that the tests cannot tell.
         findings: Remarks for people, one line each.
@@ -79,8 +80,8 @@ class Identification(Result):
     vehicle: Vehicle
     parameters: Parameters
     prior: Gaussian
-    theta: np.ndarray
-    covariance: np.ndarray
+    theta: Float[np.ndarray, " n"]
+    covariance: Float[np.ndarray, "n n"]
     verdicts: list[str]
     blind: list[Blind]
     findings: list[str]
@@ -93,7 +94,7 @@ class Identification(Result):
     seconds: float = 0.0
     tested: dict[str, Range] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
-    offsets: dict[str, np.ndarray] = field(default_factory=dict)
+    offsets: dict[str, Float[np.ndarray, " _"]] = field(default_factory=dict)
     options: Options = field(default_factory=lambda: Options.read({}))
     ladder: list[Rung] = field(default_factory=list)
     discrepancy: LearnedDiscrepancy | None = None
@@ -153,8 +154,8 @@ class Identification(Result):
         return dict(zip(self.parameters.names, self.parameters.values(self.theta).tolist(), strict=True))
 
     @property
-    def std(self) -> np.ndarray:
-        """Standard deviation of theta: relative for what is positive, shape (n,)."""
+    def std(self) -> Float[np.ndarray, " n"]:
+        """Standard deviation of theta: relative for what is positive."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -189,8 +190,8 @@ class Identification(Result):
         """
         return self.parameters.model_at(self.theta)[0]
 
-    def sampled(self, count: int, seed: int = 0) -> np.ndarray:
-        """Draws of theta from the estimate's distribution, shape (count, n).
+    def sampled(self, count: int, seed: int = 0) -> Float[np.ndarray, "count n"]:
+        """Draws of theta from the estimate's distribution.
 
         Example:
             >>> len(result.sampled(3))
@@ -363,7 +364,7 @@ class Identification(Result):
 
     def plot_prediction(
         self, log: str | Path | Record | Sequence[Record] | Prediction, window: float | None = None
-    ) -> np.ndarray:
+    ) -> Float[np.ndarray, " components"]:
         """Readings of one test and what the identified model says of it.
 
         Args:
@@ -371,7 +372,7 @@ class Identification(Result):
             window: As of `predict`.
 
         Returns:
-            Axes, one for each component, shape (components,).
+            Axes, one for each component.
 
         Raises:
             IdentificationError: As of `predict`, or the log holds several tests.

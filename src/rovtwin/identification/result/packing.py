@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import as_array, jax, jnp
@@ -204,9 +205,9 @@ def _solution_packed(solution: Solution) -> dict[str, np.ndarray]:
 def _solution_unpacked(
     words: Mapping[str, Any],
     arrays: Mapping[str, np.ndarray],
-    theta: np.ndarray,
-    covariance: np.ndarray,
-    offsets: Mapping[str, np.ndarray],
+    theta: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n n"],
+    offsets: Mapping[str, Float[np.ndarray, " _"]],
 ) -> Solution:
     kept = {place.removeprefix("solution/"): x for place, x in arrays.items() if place.startswith("solution/")}
     nodes = Nodes(*(kept[f"nodes_{name}"] for name in Nodes._fields))
@@ -243,7 +244,7 @@ def _prediction_packed(prediction: Prediction, place: str, arrays: dict[str, np.
 
 
 def _prediction_unpacked(words: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Prediction:
-    def series(signal: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def series(signal: str) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
         t, measured, predicted = (arrays[f"{place}{signal}/{name}"] for name in _SERIES)
         return t, measured, predicted
 

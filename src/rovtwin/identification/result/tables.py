@@ -10,6 +10,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
@@ -38,8 +39,8 @@ _ABOUT = {
 _COORDINATE = "1 where the parameter is positive or a share, else that of the coordinate unit"
 
 
-def by_parameter(result: Identification) -> dict[str, np.ndarray]:
-    """By column, shape (n,) each; in the parameters' units but for theta and its like."""
+def by_parameter(result: Identification) -> dict[str, Float[np.ndarray, " n"]]:
+    """By column; in the parameters' units but for theta and its like."""
     free, theta, prior = result.parameters.free, result.theta, result.prior
     ends = np.array([result.interval(p.name) for p in free]).reshape(-1, 2)
     return {
@@ -58,8 +59,8 @@ def by_parameter(result: Identification) -> dict[str, np.ndarray]:
     }
 
 
-def slopes(result: Identification, theta: np.ndarray) -> np.ndarray:
-    """Change of each value by that of its coordinate, shape (n,)."""
+def slopes(result: Identification, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Change of each value by that of its coordinate."""
     values = result.parameters.values(theta)
     return np.array([p.slope(value) for p, value in zip(result.parameters.free, values, strict=True)])
 
@@ -82,8 +83,8 @@ def summary(result: Identification, truth: Mapping[str, float] | None) -> pandas
     return table
 
 
-def truths(result: Identification, truth: Mapping[str, float] | None) -> np.ndarray:
-    """True values in their units, shape (n,), NaN where none is known.
+def truths(result: Identification, truth: Mapping[str, float] | None) -> Float[np.ndarray, " n"]:
+    """True values in their units, NaN where none is known.
 
     Raises:
         IdentificationError: A name is that of no parameter.

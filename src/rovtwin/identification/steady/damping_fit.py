@@ -7,6 +7,7 @@ says little: the band of the force says what is known. Plain NumPy and SciPy, SI
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import stats
 from scipy.optimize import nnls
 
@@ -25,52 +26,54 @@ class DampingFit:
     """What steady speeds and forces say of damping in one direction.
 
     Attributes:
-        coefficients: Linear [N s/m] and quadratic [N s2/m2] (N m s/rad, N m s2/rad2 in rotation), shape (2,), or ahead
-            then astern, shape (4,). Positive takes energy.
-        covariance: Of `coefficients`, shape (2, 2) or (4, 4).
+        coefficients: Linear [N s/m] and quadratic [N s2/m2] (N m s/rad, N m s2/rad2 in rotation), or ahead then astern.
+            Positive takes energy.
+        covariance: Of `coefficients`.
         rms: Of the residual force [N or N m].
         freedom: Degrees of freedom the noise was estimated with; infinite where it was declared and held.
-        speeds: Smallest and largest |v| of the data, ahead then astern, shape (1, 2) or (2, 2).
+        speeds: Smallest and largest |v| of the data, ahead then astern.
         notes: What a reader must know: terms that cannot be separated, a coefficient on its bound, noise larger than
             declared.
     """
 
-    coefficients: np.ndarray
-    covariance: np.ndarray
+    coefficients: Float[np.ndarray, " c"]
+    covariance: Float[np.ndarray, "c c"]
     rms: float
     freedom: float
-    speeds: np.ndarray
+    speeds: Float[np.ndarray, "sides 2"]
     notes: tuple[str, ...] = ()
 
     @property
-    def linear(self) -> np.ndarray:
-        """Ahead and astern, shape (2,)."""
+    def linear(self) -> Float[np.ndarray, "2"]:
+        """Ahead and astern."""
         return np.resize(self.coefficients[0::2], 2)
 
     @property
-    def quadratic(self) -> np.ndarray:
-        """Ahead and astern, shape (2,)."""
+    def quadratic(self) -> Float[np.ndarray, "2"]:
+        """Ahead and astern."""
         return np.resize(self.coefficients[1::2], 2)
 
     @property
-    def std(self) -> np.ndarray:
+    def std(self) -> Float[np.ndarray, " c"]:
         """Standard deviations of `coefficients`."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def correlation(self) -> np.ndarray:
-        """Between linear and quadratic, ahead and astern, shape (2,)."""
+    def correlation(self) -> Float[np.ndarray, "2"]:
+        """Between linear and quadratic, ahead and astern."""
         std = self.std
         if not np.all(np.isfinite(std)):
             return np.full(2, np.nan)
         pairs = [self.covariance[i, i + 1] / (std[i] * std[i + 1]) for i in range(0, len(std), 2)]
         return np.resize(np.array(pairs), 2)
 
-    def force(self, velocity: np.ndarray) -> np.ndarray:
+    def force(self, velocity: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Force that holds the velocities [m/s or rad/s], same shape, same sign as the velocity."""
         return _design(np.asarray(velocity, float), len(self.coefficients) == 4) @ self.coefficients
 
-    def force_band(self, velocity: np.ndarray, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+    def force_band(
+        self, velocity: Float[np.ndarray, "*axes"], level: float = 0.95
+    ) -> tuple[Float[np.ndarray, "*axes"], Float[np.ndarray, "*axes"]]:
         """Where the true force lies with probability `level` at each velocity: low and high, each of its shape.
 
         Not where the next reading lies: that has its own noise on top.
@@ -82,8 +85,8 @@ class DampingFit:
         half = self.quantile(level) * np.sqrt(np.einsum("ni,ij,nj->n", A, self.covariance, A))
         return middle - half, middle + half
 
-    def interval(self, level: float = 0.95) -> np.ndarray:
-        """Of every coefficient by itself, shape (2 or 4, 2)."""
+    def interval(self, level: float = 0.95) -> Float[np.ndarray, "c 2"]:
+        """Of every coefficient by itself."""
         half = self.quantile(level) * self.std
         return np.stack([self.coefficients - half, self.coefficients + half], axis=1)
 
@@ -93,8 +96,8 @@ class DampingFit:
 
 
 def fit_damping(
-    velocity: np.ndarray,
-    force: np.ndarray,
+    velocity: Float[np.ndarray, " n"],
+    force: Float[np.ndarray, " n"],
     *,
     sigma: Noise = None,
     sigma_velocity: Noise = None,
@@ -109,8 +112,8 @@ def fit_damping(
     often as said.
 
     Args:
-        velocity: Steady velocities, through the water [m/s or rad/s], shape (n,).
-        force: What held them [N or N m], same sign as the velocity for a passive body, shape (n,).
+        velocity: Steady velocities, through the water [m/s or rad/s].
+        force: What held them [N or N m], same sign as the velocity for a passive body.
         sigma: Standard deviation of the forces, one or each; None estimates it from the scatter.
         sigma_velocity: Standard deviation of the velocities, one or each; only with `sigma`.
         nonnegative: Both coefficients at least zero, so that damping takes energy at every speed; False is the plain
@@ -158,8 +161,8 @@ def fit_damping(
     )
 
 
-def _design(v: np.ndarray, astern: bool) -> np.ndarray:
-    """One row per velocity, shape (n, 2) or (n, 4)."""
+def _design(v: Float[np.ndarray, "*axes"], astern: bool) -> Float[np.ndarray, "*axes c"]:
+    """One row per velocity."""
     v = np.atleast_1d(v)
     both = np.stack([v, np.abs(v) * v], axis=-1)
     if not astern:
@@ -167,7 +170,9 @@ def _design(v: np.ndarray, astern: bool) -> np.ndarray:
     return np.concatenate([both * (v >= 0)[:, None], both * (v < 0)[:, None]], axis=-1)
 
 
-def _check(v: np.ndarray, F: np.ndarray, sigma: Noise, sigma_velocity: Noise, astern: bool) -> None:
+def _check(
+    v: Float[np.ndarray, " n"], F: Float[np.ndarray, " n"], sigma: Noise, sigma_velocity: Noise, astern: bool
+) -> None:
     where = "damping fit"
     if v.ndim != 1 or v.shape != F.shape:
         raise IdentificationError(
@@ -192,13 +197,18 @@ def _check(v: np.ndarray, F: np.ndarray, sigma: Noise, sigma_velocity: Noise, as
             )
 
 
-def _solve(A: np.ndarray, F: np.ndarray, nonnegative: bool) -> np.ndarray:
+def _solve(A: Float[np.ndarray, "n c"], F: Float[np.ndarray, " n"], nonnegative: bool) -> Float[np.ndarray, " c"]:
     return nnls(A, F)[0] if nonnegative else np.linalg.lstsq(A, F, rcond=None)[0]
 
 
 def _weighted(
-    A: np.ndarray, v: np.ndarray, F: np.ndarray, sigma: np.ndarray, sigma_velocity: np.ndarray, nonnegative: bool
-) -> tuple[np.ndarray, np.ndarray]:
+    A: Float[np.ndarray, "n c"],
+    v: Float[np.ndarray, " n"],
+    F: Float[np.ndarray, " n"],
+    sigma: Float[np.ndarray, "..."],
+    sigma_velocity: Float[np.ndarray, "..."],
+    nonnegative: bool,
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " c"]]:
     """Weights 1/sigma of the effective variance and the coefficients, by turns."""
     slope = np.zeros(len(v))
     for _ in range(ITERATIONS):
@@ -224,7 +234,11 @@ def _noise(chi2: float, left: int, declared: bool) -> tuple[float, float, tuple[
 
 
 def _distinguished(
-    pair: np.ndarray, covariance: np.ndarray, t: float, speeds: np.ndarray, name: str
+    pair: Float[np.ndarray, "2"],
+    covariance: Float[np.ndarray, "2 2"],
+    t: float,
+    speeds: Float[np.ndarray, " n"],
+    name: str,
 ) -> tuple[str, ...]:
     """Whether either term alone would do as well (within 95 %): then the data know only the sum of both."""
     std = np.sqrt(np.diag(covariance))
@@ -238,7 +252,7 @@ def _distinguished(
     return ()
 
 
-def _on_bound(theta: np.ndarray, free: np.ndarray, name: str) -> tuple[str, ...]:
+def _on_bound(theta: Float[np.ndarray, " c"], free: Float[np.ndarray, " c"], name: str) -> tuple[str, ...]:
     names = ("linear", "quadratic")
     return tuple(
         f"{names[i]} damping{' ' + name if name else ''} is on its bound, zero (unconstrained: {free[i]:.3g})"

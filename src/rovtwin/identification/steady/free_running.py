@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import IdentificationError
@@ -195,7 +196,13 @@ def _runs(
 
 
 def _steady(
-    record: Record, history: Motion, dof: str, tau: np.ndarray, largest: float, shortest: float, tolerance: float
+    record: Record,
+    history: Motion,
+    dof: str,
+    tau: Float[np.ndarray, " m"],
+    largest: float,
+    shortest: float,
+    tolerance: float,
 ) -> list[Window]:
     """Steady windows under way, with thrust."""
     v, std = history.velocity[dof], history.std[dof]
@@ -221,7 +228,13 @@ def _steady(
 
 
 def _pushes(
-    record: Record, history: Motion, dof: str, tau: np.ndarray, largest: float, shortest: float, tolerance: float
+    record: Record,
+    history: Motion,
+    dof: str,
+    tau: Float[np.ndarray, " m"],
+    largest: float,
+    shortest: float,
+    tolerance: float,
 ) -> list[Window]:
     """From each command that sets a force to the next: what the thesis averages over."""
     least = PUSH * largest
@@ -231,7 +244,7 @@ def _pushes(
     return [w for w in found if not w.rest]
 
 
-def _impure(history: Motion, dof: str, inside: np.ndarray) -> str:
+def _impure(history: Motion, dof: str, inside: Bool[np.ndarray, " m"]) -> str:
     """Why a window is not motion in one direction with the others held; empty where it is."""
     means = {name: float(np.nanmean(v[inside])) for name, v in history.velocity.items()}
     heading = history.attitude[inside, 2]
@@ -249,11 +262,11 @@ def _balance(
     record: Record,
     history: Motion,
     dof: str,
-    inside: np.ndarray,
-    force: np.ndarray,
-    tau: np.ndarray,
-    mass: np.ndarray,
-    nu: np.ndarray,
+    inside: Bool[np.ndarray, " m"],
+    force: Float[np.ndarray, " m"],
+    tau: Float[np.ndarray, " m"],
+    mass: Float[np.ndarray, "6"],
+    nu: Float[np.ndarray, "m 6"],
 ) -> Run:
     """Mean velocity and mean drag by the momentum balance of a window; mass is the row of M of that direction."""
     t, std = history.t[inside], history.std[dof][inside]
@@ -267,7 +280,12 @@ def _balance(
 
 
 def _difference(
-    record: Record, history: Motion, dof: str, inside: np.ndarray, force: np.ndarray, tau: np.ndarray
+    record: Record,
+    history: Motion,
+    dof: str,
+    inside: Bool[np.ndarray, " m"],
+    force: Float[np.ndarray, " m"],
+    tau: Float[np.ndarray, " m"],
 ) -> Run:
     """The thesis's way: plain difference over the whole push."""
     t = history.t[inside]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Real
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
@@ -23,8 +24,8 @@ class OneDirection:
     """A record of one direction under constant thrust.
 
     Attributes:
-        t: Times from the start of the thrust [s], increasing, shape (n,).
-        y: Position [m or rad] or velocity [m/s or rad/s], from rest at t[0], shape (n,).
+        t: Times from the start of the thrust [s], increasing.
+        y: Position [m or rad] or velocity [m/s or rad/s], from rest at t[0].
         quantity: "position" or "velocity".
         mass: Rigid-body mass or inertia [kg or kg m2].
         linear: D_L, held [N s/m or N m s/rad].
@@ -32,8 +33,8 @@ class OneDirection:
         source: For messages.
     """
 
-    t: np.ndarray
-    y: np.ndarray
+    t: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, " n"]
     quantity: str
     mass: float
     linear: float
@@ -49,7 +50,7 @@ class NsgaFit:
         added_mass: [kg or kg m2].
         thrust: [N or N m].
         objective: Mean absolute error, in units of the record.
-        fitted: The model's record, shape (n,).
+        fitted: The model's record.
         generations: How many were run.
         on_bound: Names of parameters that lie on a bound of their range: there the data asked for more.
         notes: What a reader must know.
@@ -58,7 +59,7 @@ class NsgaFit:
     added_mass: float
     thrust: float
     objective: float
-    fitted: np.ndarray
+    fitted: Float[np.ndarray, " n"]
     generations: int
     on_bound: tuple[str, ...]
     notes: tuple[str, ...]
@@ -134,16 +135,18 @@ def is_on_bound(value: float, low: float, high: float) -> bool:
     return min(value - low, high - value) <= AT_BOUND * (high - low)
 
 
-def simulate(record: OneDirection, added_mass: np.ndarray, thrust: np.ndarray) -> np.ndarray:
+def simulate(
+    record: OneDirection, added_mass: Real[np.ndarray, " k"], thrust: Real[np.ndarray, " k"]
+) -> Float[np.ndarray, "k n"]:
     """(m + m_a) v' = thrust - D_L v - D_Q |v| v from rest, for k candidates at once, by RK4.
 
     Args:
         record: Its times, mass, damping and quantity.
-        added_mass: Shape (k,).
-        thrust: Shape (k,).
+        added_mass: Of each candidate.
+        thrust: Of each.
 
     Returns:
-        Position from y[0], or velocity, at the record's times, shape (k, n).
+        Position from y[0], or velocity, at the record's times.
     """
     t, total = record.t, record.mass + added_mass
     steps = max(int(np.ceil((t[-1] - t[0]) / STEP)), 1)
@@ -151,7 +154,7 @@ def simulate(record: OneDirection, added_mass: np.ndarray, thrust: np.ndarray) -
     v = np.zeros_like(total)
     speeds = np.zeros((steps + 1, len(total)))
 
-    def rate(v: np.ndarray) -> np.ndarray:
+    def rate(v: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         return (thrust - record.linear * v - record.quadratic * np.abs(v) * v) / total
 
     for i in range(steps):

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.errors import IdentificationError
@@ -21,24 +22,24 @@ class Motion:
 
     Attributes:
         record: Its name.
-        t: Grid of times [s], shape (m,).
-        velocity: Through the water, b, by direction of NU where it was measured [m/s, rad/s], shape (m,); NaN in gaps.
-        std: Standard deviations of them, shape (m,).
-        attitude: Euler angles [rad], shape (m, 3); zero where they were not measured, NaN in gaps.
+        t: Grid of times [s].
+        velocity: Through the water, b, by direction of NU where it was measured [m/s, rad/s]; NaN in gaps.
+        std: Standard deviations of them.
+        attitude: Euler angles [rad]; zero where they were not measured, NaN in gaps.
         tracks: Smoothed components by name: north, east, down, phi, theta, psi; those that were measured.
         notes: Outliers and gaps, a line each.
     """
 
     record: str
-    t: np.ndarray
-    velocity: Mapping[str, np.ndarray]
-    std: Mapping[str, np.ndarray]
-    attitude: np.ndarray
+    t: Float[np.ndarray, " m"]
+    velocity: Mapping[str, Float[np.ndarray, " m"]]
+    std: Mapping[str, Float[np.ndarray, " m"]]
+    attitude: Float[np.ndarray, "m 3"]
     tracks: Mapping[str, Track]
     notes: tuple[str, ...]
 
-    def nu(self) -> np.ndarray:
-        """All six velocities, shape (m, 6), zero where one was not measured; p, q as rates of small roll and pitch."""
+    def nu(self) -> Float[np.ndarray, "m 6"]:
+        """All six velocities, zero where one was not measured; p, q as rates of small roll and pitch."""
         out = np.zeros((len(self.t), 6))
         for name, column in (("surge", 0), ("sway", 1), ("heave", 2), ("yaw", 5)):
             if name in self.velocity:
@@ -48,7 +49,7 @@ class Motion:
                 out[:, column] = self.tracks[name].velocity(self.t)
         return np.nan_to_num(out)
 
-    def mean(self, dof: str, inside: np.ndarray) -> tuple[float, float]:
+    def mean(self, dof: str, inside: Bool[np.ndarray, " m"]) -> tuple[float, float]:
         """Mean velocity over some of the grid, and its standard deviation by the smoother's own covariance."""
         t, count = self.t[inside], int(inside.sum())
         value = float(np.mean(self.velocity[dof][inside]))
@@ -142,8 +143,12 @@ def _at_origin(signal: Signal, axes: tuple[int, ...], angles: list[Track]) -> Si
 
 
 def _in_body(
-    record: Record, rates: dict[int, np.ndarray], stds: dict[int, np.ndarray], attitude: np.ndarray, turned: bool
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    record: Record,
+    rates: dict[int, Float[np.ndarray, " m"]],
+    stds: dict[int, Float[np.ndarray, " m"]],
+    attitude: Float[np.ndarray, "m 3"],
+    turned: bool,
+) -> tuple[dict[str, Float[np.ndarray, " m"]], dict[str, Float[np.ndarray, " m"]]]:
     """What can be turned into b: all three axes, or heave alone of a vehicle taken as level."""
     if len(rates) == 3 and turned:
         water = np.stack([rates[i] - record.current[i] for i in range(3)], axis=1)

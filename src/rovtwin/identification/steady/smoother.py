@@ -12,6 +12,7 @@ said inside them.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy import linalg, sparse
 from scipy.interpolate import BSpline
 
@@ -28,16 +29,16 @@ STIFFNESS = (-8.0, 12.0)  # log10 of the dimensionless penalty that is searched
 class Piece:
     """One stretch of readings without a long gap: its knots and the normal equations."""
 
-    t: np.ndarray
-    value: np.ndarray
-    knots: np.ndarray
+    t: Float[np.ndarray, " n"]
+    value: Float[np.ndarray, " n"]
+    knots: Float[np.ndarray, " knots"]
     design: sparse.csr_array
     gram: sparse.csr_array
     penalty: sparse.csr_array
     root: sparse.csr_array
 
     @classmethod
-    def of(cls, t: np.ndarray, value: np.ndarray, step: float) -> "Piece":
+    def of(cls, t: Float[np.ndarray, " n"], value: Float[np.ndarray, " n"], step: float) -> "Piece":
         cells = int((t[-1] - t[0]) / step + 1e-6) + 1
         knots = t[0] + step * (np.arange(-DEGREE, cells + DEGREE + 1) - 1e-9)  # all readings within
         design, difference = _basis(t, knots, DEGREE), _differences(cells + DEGREE, ORDER)
@@ -53,18 +54,18 @@ class Piece:
     def step(self) -> float:
         return float(self.knots[1] - self.knots[0])
 
-    def holds(self, t: np.ndarray) -> np.ndarray:
+    def holds(self, t: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """Which of the times lie inside."""
         return (t >= self.t[0]) & (t <= self.t[-1])
 
-    def factor(self, stiffness: float) -> np.ndarray:
+    def factor(self, stiffness: float) -> Float[np.ndarray, "bands size"]:
         """Banded Cholesky factor of the normal equations."""
         return linalg.cholesky_banded(_banded(self.gram + stiffness * self.penalty), lower=True)
 
-    def solve(self, factor: np.ndarray) -> np.ndarray:
+    def solve(self, factor: Float[np.ndarray, "bands size"]) -> Float[np.ndarray, " size"]:
         return linalg.cho_solve_banded((factor, True), self.design.T @ self.value)
 
-    def rows(self, t: np.ndarray, derivative: int) -> sparse.csr_array:
+    def rows(self, t: Float[np.ndarray, " m"], derivative: int) -> sparse.csr_array:
         """What takes coefficients to the derivative at times t."""
         knots = self.knots[derivative : len(self.knots) - derivative]
         differences = _differences(len(self.knots) - DEGREE - 1, derivative)
@@ -85,8 +86,8 @@ class Track:
     """
 
     pieces: tuple[Piece, ...]
-    coefficients: tuple[np.ndarray, ...]
-    factors: tuple[np.ndarray, ...]
+    coefficients: tuple[Float[np.ndarray, " _"], ...]
+    factors: tuple[Float[np.ndarray, "bands _"], ...]
     sigma: float
     left_out: int
     offset: float
@@ -96,27 +97,27 @@ class Track:
         """Start and end of each stretch in which something is said [s]."""
         return [(float(p.t[0]), float(p.t[-1])) for p in self.pieces]
 
-    def trusted(self, t: np.ndarray) -> np.ndarray:
+    def trusted(self, t: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """Which times lie outside of gaps, shape of t."""
         return np.any([p.holds(t) for p in self.pieces], axis=0)
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Smoothed readings at t, shape (m,); NaN in gaps."""
+    def position(self, t: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Smoothed readings at t; NaN in gaps."""
         return self._derivative(t, 0) + self.offset
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Rate at t, shape (m,); NaN in gaps."""
+    def velocity(self, t: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Rate at t; NaN in gaps."""
         return self._derivative(t, 1)
 
-    def velocity_std(self, t: np.ndarray) -> np.ndarray:
-        """Standard deviation of `velocity`, shape (m,); NaN in gaps."""
+    def velocity_std(self, t: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Standard deviation of `velocity`; NaN in gaps."""
         return self._std(t, 1)
 
-    def position_std(self, t: np.ndarray) -> np.ndarray:
-        """Standard deviation of `position`, shape (m,); NaN in gaps."""
+    def position_std(self, t: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Standard deviation of `position`; NaN in gaps."""
         return self._std(t, 0)
 
-    def _std(self, t: np.ndarray, order: int) -> np.ndarray:
+    def _std(self, t: Float[np.ndarray, " m"], order: int) -> Float[np.ndarray, " m"]:
         out = np.full(len(t), np.nan)
         for piece, factor in zip(self.pieces, self.factors, strict=True):
             inside = piece.holds(t)
@@ -132,12 +133,12 @@ class Track:
                 out[inside] = np.interp(t[inside], grid, self.sigma * np.sqrt(variance))
         return out
 
-    def weighted_velocity(self, t: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
+    def weighted_velocity(self, t: Float[np.ndarray, " m"], weight: Float[np.ndarray, " m"]) -> tuple[float, float]:
         """Sum of weight times velocity and its variance, errors at different times taken as the smoother has them.
 
         Args:
-            t: Times outside of gaps [s], shape (m,).
-            weight: Shape (m,); 1/m for the mean.
+            t: Times outside of gaps [s].
+            weight: Of each; 1/m for the mean.
         """
         total, variance = 0.0, 0.0
         for piece, c, factor in zip(self.pieces, self.coefficients, self.factors, strict=True):
@@ -148,7 +149,7 @@ class Track:
                 variance += self.sigma**2 * float(row @ linalg.cho_solve_banded((factor, True), row))
         return total, variance
 
-    def _derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+    def _derivative(self, t: Float[np.ndarray, " m"], order: int) -> Float[np.ndarray, " m"]:
         out = np.full(len(t), np.nan)
         for piece, c in zip(self.pieces, self.coefficients, strict=True):
             inside = piece.holds(t)
@@ -158,13 +159,18 @@ class Track:
 
 
 def smooth(
-    t: np.ndarray, value: np.ndarray, *, angle: bool = False, gap: float | None = None, name: str = "record"
+    t: Float[np.ndarray, " n"],
+    value: Float[np.ndarray, " n"],
+    *,
+    angle: bool = False,
+    gap: float | None = None,
+    name: str = "record",
 ) -> Track:
     """Smooth one component.
 
     Args:
-        t: Times [s], shape (n,), increasing.
-        value: Readings, shape (n,).
+        t: Times [s], increasing.
+        value: Readings.
         angle: Readings are angles [rad] that may wrap; they are unwrapped stretch by stretch.
         gap: Time between readings above which nothing is used [s]; None takes 8 median steps, at least 0.5 s.
         name: For messages.
@@ -200,7 +206,9 @@ def smooth(
     return track
 
 
-def _stretches(t: np.ndarray, value: np.ndarray, gap: float, angle: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+def _stretches(
+    t: Float[np.ndarray, " n"], value: Float[np.ndarray, " n"], gap: float, angle: bool
+) -> list[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]]:
     cuts = np.flatnonzero(np.diff(t) > gap) + 1
     parts = zip(np.split(t, cuts), np.split(value, cuts), strict=True)
     return [(a, np.unwrap(b) if angle else b) for a, b in parts if len(a) >= FEWEST]
@@ -230,7 +238,7 @@ def _fit(pieces: list[Piece], left_out: int, offset: float) -> Track:
     return Track(tuple(pieces), tuple(coefficients), tuple(factors), float(np.sqrt(variance)), left_out, offset)
 
 
-def _basis(t: np.ndarray, knots: np.ndarray, degree: int) -> sparse.csr_array:
+def _basis(t: Float[np.ndarray, " m"], knots: Float[np.ndarray, " knots"], degree: int) -> sparse.csr_array:
     """B-splines at times t, shape (len(t), number of splines)."""
     return sparse.csr_array(BSpline.design_matrix(t, knots, degree))
 
@@ -243,7 +251,7 @@ def _differences(size: int, order: int) -> sparse.csr_array:
     return out
 
 
-def _diagonals(values: np.ndarray) -> sparse.csr_array:
+def _diagonals(values: Float[np.ndarray, " size"]) -> sparse.csr_array:
     index = np.arange(len(values))
     return sparse.csr_array((values, (index, index)))
 
@@ -253,8 +261,8 @@ def _product(matrix: sparse.csr_array) -> sparse.csr_array:
     return sparse.csr_array(matrix.T @ matrix)
 
 
-def _banded(matrix: sparse.csr_array) -> np.ndarray:
-    """Lower bands of a symmetric matrix as scipy.linalg keeps them, shape (DEGREE + 1, size)."""
+def _banded(matrix: sparse.csr_array) -> Float[np.ndarray, "bands size"]:
+    """Lower bands of a symmetric matrix as scipy.linalg keeps them."""
     entries = matrix.tocoo()
     out = np.zeros((DEGREE + 1, len(matrix.indptr) - 1))
     lower = entries.row >= entries.col

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import IdentificationError
@@ -26,15 +27,15 @@ class StartUp:
     """One push in one direction.
 
     Attributes:
-        t: Times of the readings [s], shape (n,), starting at zero.
-        distance: Travelled along the direction since t = 0 [m or rad], shape (n,), raw readings.
-        force: Thrust and weight along it [N or N m] at those times, shape (n,); held until the next one.
+        t: Times of the readings [s], starting at zero.
+        distance: Travelled along the direction since t = 0 [m or rad], raw readings.
+        force: Thrust and weight along it [N or N m] at those times; held until the next one.
         speed: At t = 0, smoothed [m/s or rad/s].
     """
 
-    t: np.ndarray
-    distance: np.ndarray
-    force: np.ndarray
+    t: Float[np.ndarray, " n"]
+    distance: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]
     speed: float
 
 
@@ -82,7 +83,7 @@ def start_up(record: Record, model: Model, dof: str, start: float, end: float, l
     return StartUp(signal.t - signal.t[0], distance - distance[0], force, speed)
 
 
-def start_up_residual(push: StartUp, linear: float, quadratic: float) -> Callable[..., np.ndarray]:
+def start_up_residual(push: StartUp, linear: float, quadratic: float) -> Callable[..., Float[np.ndarray, " n"]]:
     """Residual of the distance as a function of the total mass [kg or kg m2] and a factor on the force.
 
     The offset of the first noisy reading is taken out, as the mean of the residual.
@@ -93,7 +94,7 @@ def start_up_residual(push: StartUp, linear: float, quadratic: float) -> Callabl
         quadratic: d_q, held.
     """
 
-    def residual(mass: float, thrust: float = 1.0) -> np.ndarray:
+    def residual(mass: float, thrust: float = 1.0) -> Float[np.ndarray, " n"]:
         predicted = predict(push, mass, thrust, linear, quadratic)
         error = push.distance - predicted
         return error - np.mean(error)
@@ -101,8 +102,8 @@ def start_up_residual(push: StartUp, linear: float, quadratic: float) -> Callabl
     return residual
 
 
-def predict(push: StartUp, mass: float, thrust: float, linear: float, quadratic: float) -> np.ndarray:
-    """Distance at the times of the readings, shape (n,), by RK4."""
+def predict(push: StartUp, mass: float, thrust: float, linear: float, quadratic: float) -> Float[np.ndarray, " n"]:
+    """Distance at the times of the readings, by RK4."""
 
     def rate(v: float, force: float) -> float:
         return (thrust * force - linear * v - quadratic * abs(v) * v) / mass

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
 from rovtwin.core.arrays.correlation import neighbours
@@ -28,25 +29,25 @@ class ThrustCurve:
     """A fitted curve, one way or both.
 
     Attributes:
-        values: Force at full command [N], dead band, exponent, shape (3,).
-        covariance: Of `values`, shape (3, 3).
+        values: Force at full command [N], dead band, exponent.
+        covariance: Of `values`.
         rms: Of the residuals [N].
         astern: Force at full command astern [N], positive; None where the curve is of one direction.
         notes: What a reader must know.
     """
 
-    values: np.ndarray
-    covariance: np.ndarray
+    values: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "3 3"]
     rms: float
     astern: float | None = None
     notes: tuple[str, ...] = ()
 
     @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations of `values`, shape (3,)."""
+    def sd(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations of `values`."""
         return np.sqrt(np.diag(self.covariance))
 
-    def force(self, command: np.ndarray) -> np.ndarray:
+    def force(self, command: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Force [N] at commands in [-1, 1], any shape."""
         command = np.asarray(command, float)
         full = np.where(command < 0, self.values[0] if self.astern is None else self.astern, self.values[0])
@@ -60,31 +61,34 @@ class Bollard:
     Attributes:
         source: File.
         voltage: [V], None where the file does not say.
-        points: Command and force [N], increasing command, shape (k, 2).
+        points: Command and force [N], increasing command.
         ahead, astern: Each direction by itself; None where the test has none.
         both: One dead band and exponent for both directions, as a vehicle file has them.
     """
 
     source: str
     voltage: float | None
-    points: np.ndarray
+    points: Float[np.ndarray, "k 2"]
     ahead: ThrustCurve | None
     astern: ThrustCurve | None
     both: ThrustCurve
 
 
-def shape(command: np.ndarray, dead_band: float, exponent: float) -> np.ndarray:
+def shape(command: Float[np.ndarray, "*axes"], dead_band: float, exponent: float) -> Float[np.ndarray, "*axes"]:
     """Share of the largest force, without sign, for commands of any shape."""
     return (np.maximum(np.abs(command) - dead_band, 0.0) / (1.0 - dead_band)) ** exponent
 
 
 def fit_bollard(
-    points: np.ndarray, source: str = "bollard test", voltage: float | None = None, hold_full: bool = False
+    points: Float[np.ndarray, "k 2"],
+    source: str = "bollard test",
+    voltage: float | None = None,
+    hold_full: bool = False,
 ) -> Bollard:
     """Fit the curve to a bollard test, each direction by itself and both together.
 
     Args:
-        points: Command in [-1, 1] and force [N] with its sign, shape (k, 2).
+        points: Command in [-1, 1] and force [N] with its sign.
         source: For messages.
         voltage: [V].
         hold_full: Whether the force at full command stays as measured, for a curve that is used with a full force of
@@ -105,8 +109,13 @@ def fit_bollard(
     return Bollard(source, voltage, points, sides[1], sides[-1], both)
 
 
-def _fit(command: np.ndarray, force: np.ndarray, astern: np.ndarray | None, hold_full: bool) -> ThrustCurve:
-    """Least squares on positive commands and forces, shape (k,); those `astern` have a full force of their own."""
+def _fit(
+    command: Float[np.ndarray, " k"],
+    force: Float[np.ndarray, " k"],
+    astern: Bool[np.ndarray, " k"] | None,
+    hold_full: bool,
+) -> ThrustCurve:
+    """Least squares on positive commands and forces; those `astern` have a full force of their own."""
     backward = np.zeros(len(command), bool) if astern is None else astern
     sides = [side for side in (~backward, backward) if side.any()]  # each with its full force
     full = [float(force[side][command[side].argmax()]) for side in sides]
@@ -115,7 +124,7 @@ def _fit(command: np.ndarray, force: np.ndarray, astern: np.ndarray | None, hold
     low = np.array([0.0] * len(sides) + [0.0, EXPONENTS[0]])
     high = np.array([np.inf] * len(sides) + [LARGEST_DEAD_BAND, EXPONENTS[1]])
 
-    def error(q: np.ndarray) -> np.ndarray:
+    def error(q: Float[np.ndarray, " q"]) -> Float[np.ndarray, " k"]:
         p = guess.copy()
         p[~held] = q
         return np.select(sides, list(p[: len(sides)])) * shape(command, p[-2], p[-1]) - force
@@ -131,7 +140,7 @@ def _fit(command: np.ndarray, force: np.ndarray, astern: np.ndarray | None, hold
     return ThrustCurve(p[shown], covariance[np.ix_(shown, shown)], rms, astern_force, _remarks(p, rms, max(full)))
 
 
-def _remarks(p: np.ndarray, rms: float, largest: float) -> tuple[str, ...]:
+def _remarks(p: Float[np.ndarray, " p"], rms: float, largest: float) -> tuple[str, ...]:
     notes = []
     if p[-2] < 1e-4:
         notes.append("dead band: none is seen; on its bound of 0")
@@ -144,7 +153,7 @@ def _remarks(p: np.ndarray, rms: float, largest: float) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _check(points: np.ndarray, source: str) -> None:
+def _check(points: Float[np.ndarray, "k 2"], source: str) -> None:
     command, force = points.T
     if len(points) < 5 or not np.isfinite(points).all():
         raise IdentificationError(f"{source}: found {len(points)} points, expected 5 or more, all finite")
@@ -162,8 +171,8 @@ def _check(points: np.ndarray, source: str) -> None:
         )
 
 
-def read_thrust(path: str | Path) -> tuple[float | None, np.ndarray]:
-    """Voltage [V] (None: not said) and points (command, force [N]) of a bollard test, shape (k, 2).
+def read_thrust(path: str | Path) -> tuple[float | None, Float[np.ndarray, "k 2"]]:
+    """Voltage [V] (None: not said) and points (command, force [N]) of a bollard test.
 
     Blue Robotics' CSV (columns PWM, Voltage, Force [kgf]), or two columns of numbers, with command and force in any
     order: the header says which (force or thrust; command, amount or u), and `kgf` converts; without a header the
@@ -197,7 +206,7 @@ def read_thrust(path: str | Path) -> tuple[float | None, np.ndarray]:
     return None, ordered[np.argsort(ordered[:, 0], kind="stable")]
 
 
-def _command_column(head: str, points: np.ndarray, path: Path) -> int:
+def _command_column(head: str, points: Float[np.ndarray, "k 2"], path: Path) -> int:
     force = [m.start() for m in re.finditer(r"force|thrust \[n|thrust\(n|thrust_n|\[n\]|kgf", head)]
     command = [m.start() for m in re.finditer(r"command|amount|normali[sz]ed|\bu\b|\[-\]", head)]
     if force and command:

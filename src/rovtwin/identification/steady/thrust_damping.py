@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from rovtwin.core.errors import IdentificationError
@@ -51,48 +52,48 @@ class JointFit:
     """Damping and thrust of one direction.
 
     Attributes:
-        damping: D_L, D_Q [N s/m, N s2/m2 or rotational], shape (2,).
-        thrust: Full thrust [N or N m], dead band, exponent, shape (3,).
-        covariance: Of (damping, thrust), shape (5, 5).
+        damping: D_L, D_Q [N s/m, N s2/m2 or rotational].
+        thrust: Full thrust [N or N m], dead band, exponent.
+        covariance: Of (damping, thrust).
         sigma: Standard deviation of the speeds, as given or as their scatter shows [m/s or rad/s].
-        residual: Fitted less measured speed, shape (n,).
-        moved: How far the test took the thrust from its prior [standard deviations], shape (3,).
-        as_linear: D_L, D_Q if thrust were linear in command, for comparison, shape (2,).
+        residual: Fitted less measured speed.
+        moved: How far the test took the thrust from its prior [standard deviations].
+        as_linear: D_L, D_Q if thrust were linear in command, for comparison.
         notes: What a reader must know.
     """
 
-    damping: np.ndarray
-    thrust: np.ndarray
-    covariance: np.ndarray
+    damping: Float[np.ndarray, "2"]
+    thrust: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "5 5"]
     sigma: float
-    residual: np.ndarray
-    moved: np.ndarray
-    as_linear: np.ndarray
+    residual: Float[np.ndarray, " n"]
+    moved: Float[np.ndarray, "3"]
+    as_linear: Float[np.ndarray, "2"]
     notes: tuple[str, ...]
 
     @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations of damping and thrust, shape (5,)."""
+    def sd(self) -> Float[np.ndarray, "5"]:
+        """Standard deviations of damping and thrust."""
         return np.sqrt(np.diag(self.covariance))
 
-    def drag(self, velocity: np.ndarray) -> np.ndarray:
+    def drag(self, velocity: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Damping force [N or N m] at velocities of any shape."""
         return self.damping[0] * velocity + self.damping[1] * np.abs(velocity) * velocity
 
-    def drag_sd(self, velocity: np.ndarray) -> np.ndarray:
+    def drag_sd(self, velocity: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Standard deviation of `drag`, with the correlation of the coefficients."""
         velocity = np.asarray(velocity, float)
         A = np.stack([velocity, np.abs(velocity) * velocity], axis=-1)
         return np.sqrt(np.einsum("...i,ij,...j->...", A, self.covariance[:2, :2], A))
 
-    def force(self, command: np.ndarray) -> np.ndarray:
+    def force(self, command: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Thrust [N or N m] at commands of any shape."""
         return np.sign(command) * self.thrust[0] * shape(np.asarray(command, float), self.thrust[1], self.thrust[2])
 
 
 def fit_thrust_and_damping(
-    command: np.ndarray,
-    velocity: np.ndarray,
+    command: Float[np.ndarray, " n"],
+    velocity: Float[np.ndarray, " n"],
     prior: ThrustPrior,
     *,
     sigma_velocity: float | None = None,
@@ -101,8 +102,8 @@ def fit_thrust_and_damping(
     """Maximum a posteriori of damping and thrust curve.
 
     Args:
-        command: Shares of full command in [-1, 1], shape (n,).
-        velocity: Steady velocities [m/s or rad/s], shape (n,).
+        command: Shares of full command in [-1, 1].
+        velocity: Steady velocities [m/s or rad/s].
         prior: Of the thrust; damping has none but its sign.
         sigma_velocity: Standard deviation of the velocities; None takes it from their scatter.
         source: For messages.
@@ -117,12 +118,12 @@ def fit_thrust_and_damping(
     free = widths > 0
     linear = fit_damping(v, means[0] * u).coefficients
 
-    def thrust_of(x: np.ndarray) -> np.ndarray:
+    def thrust_of(x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "3"]:
         thrust = means.copy()
         thrust[free] = x[2:]
         return thrust
 
-    def speed_error(x: np.ndarray) -> np.ndarray:
+    def speed_error(x: Float[np.ndarray, " x"]) -> Float[np.ndarray, " n"]:
         F, band, exponent = thrust_of(x)
         return np.sign(u) * speed_of_drag(x[0] + 1e-12, max(x[1], SMALLEST), F * shape(u, band, exponent)) - v
 
@@ -134,7 +135,7 @@ def fit_thrust_and_damping(
     rounds = 1 if sigma_velocity is not None else 8
     for _ in range(rounds):
 
-        def error(x: np.ndarray, sigma: float = sigma) -> np.ndarray:
+        def error(x: Float[np.ndarray, " x"], sigma: float = sigma) -> Float[np.ndarray, " _"]:
             return np.concatenate([speed_error(x) / sigma, (x[2:] - means[free]) / widths[free]])
 
         found = least_squares(error, guess, bounds=(low, high), x_scale=np.maximum(np.abs(guess), 0.1))
@@ -150,8 +151,8 @@ def fit_thrust_and_damping(
     return JointFit(found.x[:2], thrust, covariance, sigma, speed_error(found.x), moved, linear, notes)
 
 
-def read_speeds(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Commands and steady velocities of free-running tests, shapes (n,): CSV with columns `command`, `velocity`.
+def read_speeds(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Commands and steady velocities of free-running tests: CSV with columns `command`, `velocity`.
 
     Raises:
         IdentificationError: No such file or column, or a line without numbers.
@@ -163,7 +164,7 @@ def read_speeds(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     return command, velocity
 
 
-def _check(u: np.ndarray, v: np.ndarray, prior: ThrustPrior, source: str) -> None:
+def _check(u: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], prior: ThrustPrior, source: str) -> None:
     if u.shape != v.shape or u.ndim != 1 or len(u) < 3:
         raise IdentificationError(f"{source}: found {u.size} commands and {v.size} speeds, expected 3 or more of each")
     if not (np.isfinite(u).all() and np.isfinite(v).all()):
@@ -183,10 +184,10 @@ def _check(u: np.ndarray, v: np.ndarray, prior: ThrustPrior, source: str) -> Non
 
 
 def _remarks(
-    damping: np.ndarray,
-    covariance: np.ndarray,
-    moved: np.ndarray,
-    residual: np.ndarray,
+    damping: Float[np.ndarray, "2"],
+    covariance: Float[np.ndarray, "5 5"],
+    moved: Float[np.ndarray, "3"],
+    residual: Float[np.ndarray, " n"],
     sigma: float,
     given: float | None,
 ) -> tuple[str, ...]:

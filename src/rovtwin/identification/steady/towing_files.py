@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.user_files import files as given
@@ -23,16 +24,16 @@ class TowRun:
 
     Attributes:
         name: For people.
-        t: [s], shape (n,), increasing.
-        speed: Of the carriage, positive ahead [m/s], shape (n,).
-        force: Sum of the force sensors [N], shape (n,), with the tare still in it.
+        t: [s], increasing.
+        speed: Of the carriage, positive ahead [m/s].
+        force: Sum of the force sensors [N], with the tare still in it.
         source: File it came from, for messages.
     """
 
     name: str
-    t: np.ndarray
-    speed: np.ndarray
-    force: np.ndarray
+    t: Float[np.ndarray, " n"]
+    speed: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]
     source: str = "tow"
 
     @property

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import signal
 
 from rovtwin.core.errors import IdentificationError
@@ -11,12 +12,14 @@ from rovtwin.identification.steady.towing_files import TowRun
 from rovtwin.identification.steady.windows import BLOCKS, Window
 
 
-def lowpass(t: np.ndarray, x: np.ndarray, cutoff: float, name: str = "record") -> np.ndarray:
+def lowpass(
+    t: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"], cutoff: float, name: str = "record"
+) -> Float[np.ndarray, " n"]:
     """Zero-phase low-pass: a second-order Butterworth forwards and backwards, -6 dB at the cut-off.
 
     Args:
-        t: Times, evenly spaced but for a few missing readings [s], shape (n,).
-        x: Shape (n,).
+        t: Times, evenly spaced but for a few missing readings [s].
+        x: Readings.
         cutoff: [Hz].
         name: For messages.
 
@@ -58,8 +61,8 @@ def sensible_cutoff(runs: Sequence[TowRun], cutoff: float | None, shortest: floa
 class Tare:
     """Force at rest, along a straight line between the rests before and after [N]."""
 
-    t: np.ndarray
-    force: np.ndarray
+    t: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]
     std: float
 
     def at(self, t: float) -> float:

@@ -13,6 +13,7 @@ that lies beside a longer window and hardly differs from it is the end of its tr
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from rovtwin.core.arrays.stretches import stretches
 from rovtwin.core.errors import IdentificationError
@@ -57,13 +58,15 @@ class Window:
 class _Blocks:
     """Means over blocks of equal duration, and running sums of them."""
 
-    edges: np.ndarray
-    mean: np.ndarray
-    sums: np.ndarray
+    edges: Float[np.ndarray, " edges"]
+    mean: Float[np.ndarray, " blocks"]
+    sums: Float[np.ndarray, " edges"]
     noise: float
 
     @classmethod
-    def of(cls, t: np.ndarray, value: np.ndarray, edges: np.ndarray) -> "_Blocks":
+    def of(
+        cls, t: Float[np.ndarray, " n"], value: Float[np.ndarray, " n"], edges: Float[np.ndarray, " edges"]
+    ) -> "_Blocks":
         row = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
         count = np.bincount(row, minlength=len(edges) - 1)
         with np.errstate(invalid="ignore"):
@@ -72,11 +75,13 @@ class _Blocks:
         noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps)))) / np.sqrt(2) if len(steps) else 0.0
         return cls(edges, mean, np.concatenate([[0.0], np.cumsum(mean)]), noise)
 
-    def means(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    def means(self, first: Int[np.ndarray, " w"], last: Int[np.ndarray, " w"]) -> Float[np.ndarray, " w"]:
         """Mean of the blocks first to last - 1."""
         return (self.sums[last] - self.sums[first]) / np.maximum(last - first, 1)
 
-    def steady(self, first: np.ndarray, last: np.ndarray, tolerance: float, least: float, slow: float) -> np.ndarray:
+    def steady(
+        self, first: Int[np.ndarray, " w"], last: Int[np.ndarray, " w"], tolerance: float, least: float, slow: float
+    ) -> Bool[np.ndarray, " w"]:
         """The criterion, for many windows at once."""
         length = last - first
         cut, end = first + length // 3, last - length // 3
@@ -91,9 +96,9 @@ class _Blocks:
 
 
 def steady_windows(
-    t: np.ndarray,
-    velocity: np.ndarray,
-    force: np.ndarray | None = None,
+    t: Float[np.ndarray, " n"],
+    velocity: Float[np.ndarray, " n"],
+    force: Float[np.ndarray, " n"] | None = None,
     *,
     shortest: float = 2.0,
     tolerance: float = 0.01,
@@ -105,9 +110,9 @@ def steady_windows(
     """Steady windows in order of time, rest included.
 
     Args:
-        t: Times [s], shape (n,), increasing.
-        velocity: Shape (n,); NaN where nothing is known: no window crosses it.
-        force: Shape (n,); where given it must be steady too.
+        t: Times [s], increasing.
+        velocity: In one direction; NaN where nothing is known: no window crosses it.
+        force: That holds it; where given it must be steady too.
         shortest: Duration of the shortest window [s].
         tolerance: Of the velocity, as a share of its mean.
         force_tolerance: The same of the force.
@@ -148,7 +153,12 @@ def steady_windows(
 
 
 def window_over(
-    t: np.ndarray, velocity: np.ndarray, force: np.ndarray, start: float, end: float, rest: float = 0.0
+    t: Float[np.ndarray, " n"],
+    velocity: Float[np.ndarray, " n"],
+    force: Float[np.ndarray, " n"],
+    start: float,
+    end: float,
+    rest: float = 0.0,
 ) -> Window:
     """What a record says between two times, taken as steady; arguments as of `steady_windows`."""
     inside = (t >= start) & (t <= end)
@@ -157,13 +167,17 @@ def window_over(
     return _window(t, [velocity, force], blocks, 0, BLOCKS, rest)
 
 
-def _filled(t: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _filled(t: Float[np.ndarray, " n"], edges: Float[np.ndarray, " edges"]) -> Bool[np.ndarray, " blocks"]:
     """Which blocks hold readings, shape (len(edges) - 1,)."""
     return np.histogram(t, edges)[0] > 0
 
 
 def _search(
-    t: np.ndarray, signals: list[np.ndarray], edges: np.ndarray, fewest: int, criteria: list[tuple[float, float, float]]
+    t: Float[np.ndarray, " n"],
+    signals: list[Float[np.ndarray, " n"]],
+    edges: Float[np.ndarray, " edges"],
+    fewest: int,
+    criteria: list[tuple[float, float, float]],
 ) -> list[Window]:
     """Longest first, in one stretch without gaps; criteria are tolerance, least mean and slow error of each signal."""
     count = len(edges) - 1
@@ -196,10 +210,17 @@ def _search(
 def _tail(window: Window, longer: Window, reach: float) -> bool:
     """Whether a window is but the last of the way to a longer one that lies beside it."""
     apart = max(window.start - longer.end, longer.start - window.end)
-    return apart < reach and abs(window.mean - longer.mean) < TAIL * abs(longer.mean)
+    return bool(apart < reach and abs(window.mean - longer.mean) < TAIL * abs(longer.mean))
 
 
-def _window(t: np.ndarray, signals: list[np.ndarray], blocks: list[_Blocks], a: int, b: int, least: float) -> Window:
+def _window(
+    t: Float[np.ndarray, " n"],
+    signals: list[Float[np.ndarray, " n"]],
+    blocks: list[_Blocks],
+    a: int,
+    b: int,
+    least: float,
+) -> Window:
     edges = blocks[0].edges
     third = (b - a) // 3
     inside = (t >= edges[a]) & (t <= edges[b])

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.thesis.decay import PLACES, corrected
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, sentence
@@ -15,8 +16,8 @@ FASTEST = {"surge": 0.29, "sway": 0.16, "heave": 0.06}  # of the free-running te
 WORDS = ("linear", "quadratic")
 
 
-def force(pair: Sequence[float], v: np.ndarray) -> np.ndarray:
-    """Damping of a (linear, quadratic) pair at speeds, shape (n,)."""
+def force(pair: Sequence[float], v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Damping of a (linear, quadratic) pair at speeds."""
     return pair[0] * v + pair[1] * np.abs(v) * v
 
 
@@ -81,7 +82,7 @@ def comparison_section() -> Section:
     return Section("comparison", title, lines, remarks, tuple(map(_panel, AXES)))
 
 
-def _corrected(axis: str, v: np.ndarray) -> Curve:
+def _corrected(axis: str, v: Float[np.ndarray, " n"]) -> Curve:
     if axis == "heave":
         return Curve("corrected", v, bent_heave()[0].force(v), "corrected")
     if axis in PLACES:

@@ -6,6 +6,7 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.user_files.config import parse_yaml
 
@@ -41,16 +42,16 @@ class Curve:
 
     Attributes:
         label: For the legend.
-        x, y: Shape (n,).
+        x, y: Its points.
         kind: published, derived, corrected, towing, empirical or data: decides how it is drawn.
-        sd: Of y, shape (n,), for a band.
+        sd: Of y, for a band.
     """
 
     label: str
-    x: np.ndarray
-    y: np.ndarray
+    x: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, " n"]
     kind: str
-    sd: np.ndarray | None = None
+    sd: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True)

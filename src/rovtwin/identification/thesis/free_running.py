@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.known import Known
 from rovtwin.identification.steady.damping_fit import DampingFit, fit_damping
@@ -18,20 +19,20 @@ EXPONENT = Known(1.75, 0.125)  # 1.5 to 2, as T200s in bollard tests
 PIONEER_CURVE = (0.07, 1.33)  # dead band and exponent of blueye_pioneer.yaml: T200 at 16 V, full force held
 
 
-def rows(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Commands, forces and speeds of a table, each shape (n,)."""
+def rows(name: str) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Commands, forces and speeds of a table."""
     command, force, speed = np.array(printed("free_running")[name]["rows"], float).T
     return command, force, speed
 
 
-def as_printed(name: str) -> np.ndarray:
-    """D_L and D_NL from the table by (2.32), both not negative, shape (2,)."""
+def as_printed(name: str) -> Float[np.ndarray, "2"]:
+    """D_L and D_NL from the table by (2.32), both not negative."""
     _, force, speed = rows(name)
     return fit_damping(speed, force).coefficients
 
 
-def rounding(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest (D_L, D_NL) that the rounding of the printed speeds allows, first order, shapes (2,)."""
+def rounding(name: str) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Lowest and highest (D_L, D_NL) that the rounding of the printed speeds allows, first order."""
     _, force, speed = rows(name)
     middle = fit_damping(speed, force, nonnegative=False).coefficients
     reach = np.zeros(2)
@@ -57,7 +58,7 @@ def bent(name: str) -> JointFit:
     return fit_thrust_and_damping(command[keep], speed[keep], ThrustPrior(full(name), EXPONENT), source=name)
 
 
-def bent_heave() -> tuple[DampingFit, np.ndarray]:
+def bent_heave() -> tuple[DampingFit, Float[np.ndarray, "2"]]:
     """Heave damping with the thrust and the buoyancy it holds from a curve; deviations with those of the exponent."""
     floats_at = printed("free_running")["heave"]["floats_at"]
     command, _, speed = rows("heave")
@@ -78,18 +79,20 @@ def yaw_of_library() -> tuple[float, float]:
     return linear, float(r**2 @ (moment - linear * r) / np.sum(r**4))
 
 
-def rms(error: np.ndarray) -> float:
+def rms(error: Float[np.ndarray, " n"]) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(error**2)))
 
 
-def towed(name: str, speed: np.ndarray) -> np.ndarray:
-    """The thesis's own towing, ahead [N], at speeds [m/s], shape (n,)."""
+def towed(name: str, speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The thesis's own towing, ahead [N], at speeds [m/s]."""
     linear, quadratic = printed("comparison")["towing"][name]["ahead"]
     return linear * speed + quadratic * speed**2
 
 
-def _pair(name: str, corrected: np.ndarray, sd: np.ndarray, reasons: Sequence[str]) -> list[Line]:
+def _pair(
+    name: str, corrected: Float[np.ndarray, "2"], sd: Float[np.ndarray, "2"], reasons: Sequence[str]
+) -> list[Line]:
     data = printed("free_running")[name]
     published, derived = data["published"], as_printed(name)
     where = f"{published['where']}, table {data['table']}"

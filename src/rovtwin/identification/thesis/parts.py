@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.totals.assembly import assemble
@@ -15,11 +16,11 @@ def _damping() -> Damping:
     return assemble(file, "double_blueye without hydrodynamics").damping()
 
 
-def quadratic_of_parts() -> np.ndarray:
-    """Diagonal of quadratic damping, shape (6,)."""
+def quadratic_of_parts() -> Float[np.ndarray, "6"]:
+    """Diagonal of quadratic damping."""
     return np.diag(_damping().quadratic_ahead)
 
 
-def linear_of_parts() -> np.ndarray:
-    """Diagonal of linear damping, shape (6,)."""
+def linear_of_parts() -> Float[np.ndarray, "6"]:
+    """Diagonal of linear damping."""
     return np.diag(_damping().linear_ahead)

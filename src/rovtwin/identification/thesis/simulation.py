@@ -1,6 +1,7 @@
 """The simulated free-running test of chapter 8.1: tables 8.1 and 8.2, and the search (8.2)."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.extras import installed
 from rovtwin.identification.steady.damping_fit import fit_damping
@@ -12,8 +13,8 @@ RATE, GENERATIONS = 15.0, 30  # of the camera [Hz]; enough for one parameter
 SEARCHED = ("surge, total mass of the search", "kg", "(8.2)")
 
 
-def speeds() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Table 8.1: force [N], speed from ArUco and "ground truth" [m/s], shapes (5,)."""
+def speeds() -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "5"], Float[np.ndarray, "5"]]:
+    """Table 8.1: force [N], speed from ArUco and "ground truth" [m/s]."""
     data = printed("simulation")["table_8_1"]
     return np.array(data["force"], float), np.array(data["aruco"]), np.array(data["ground_truth"])
 

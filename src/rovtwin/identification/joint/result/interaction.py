@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.constants import FRESH_WATER
 from rovtwin.vehicle.description.schema import Body, Shape
@@ -33,14 +34,14 @@ class _Lone:
     Attributes:
         solid: Its shape; of a body without one a sphere of what it displaces or, neutrally buoyant, weighs.
         shaped: Whether it has a shape, so that formulas say something of it.
-        added_mass: Diagonal of its M_A, by formula or, where that is more, as it publishes it, shape (6,).
-        displaced: Diagonal of the mass matrix of the water that it displaces, shape (6,).
+        added_mass: Diagonal of its M_A, by formula or, where that is more, as it publishes it.
+        displaced: Diagonal of the mass matrix of the water that it displaces.
     """
 
     solid: Solid
     shaped: bool
-    added_mass: np.ndarray
-    displaced: np.ndarray
+    added_mass: Float[np.ndarray, "6"]
+    displaced: Float[np.ndarray, "6"]
 
     @classmethod
     def of(cls, solid: Solid, shaped: bool, density: float) -> "_Lone":
@@ -54,8 +55,8 @@ class _Lone:
         return (float(self.shaped), *np.round([*self.solid.placement.position, *self.added_mass, *self.displaced], 9))
 
 
-def added_mass_std(before: Body, after: Body, density: float) -> np.ndarray:
-    """Standard deviation of what formulas say of the change of M_A's diagonal, shape (6,) [kg, kg m2].
+def added_mass_std(before: Body, after: Body, density: float) -> Float[np.ndarray, "6"]:
+    """Standard deviation of what formulas say of the change of M_A's diagonal [kg, kg m2].
 
     Args:
         before: A vehicle.
@@ -78,8 +79,8 @@ def added_mass_std(before: Body, after: Body, density: float) -> np.ndarray:
     return np.sqrt(variance + (_EVER * most) ** 2)
 
 
-def _variance(body: _Lone, others: list[_Lone]) -> np.ndarray:
-    """Of what a body does to the diagonal of M_A beside others, shape (6,)."""
+def _variance(body: _Lone, others: list[_Lone]) -> Float[np.ndarray, "6"]:
+    """Of what a body does to the diagonal of M_A beside others."""
     own = (_OWN if body.shaped else _STANDS_IN) * body.added_mass
     if not others:
         return own**2
@@ -91,7 +92,7 @@ def _variance(body: _Lone, others: list[_Lone]) -> np.ndarray:
     return own**2 + flow**2
 
 
-def _distance(solid: Solid, point: np.ndarray) -> float:
+def _distance(solid: Solid, point: Float[np.ndarray, "3"]) -> float:
     """From the box around a solid to a point [m]; 0 inside."""
     local = (point - solid.placement.position) @ solid.placement.rotation
     return float(np.linalg.norm(np.maximum(np.abs(local) - 0.5 * solid.size, 0.0)))

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from jaxtyping import Float
 
 from rovtwin.core.user_files.yamlfile import Dumper
 from rovtwin.identification.joint.model.gaussian import Gaussian
@@ -21,8 +22,8 @@ _EXACT = 15  # digits of a covariance: what is known best of it is a part in 10^
 def identified_file(
     vehicle: Vehicle,
     parameters: Parameters,
-    theta: np.ndarray,
-    covariance: np.ndarray,
+    theta: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n n"],
     prior: Gaussian,
     verdicts: Sequence[str],
     evidence: Sequence[str],

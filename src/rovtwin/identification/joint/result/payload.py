@@ -11,6 +11,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.joint.model.couplings import place_of, share_of
@@ -51,16 +52,16 @@ class Change:
     Attributes:
         model: The new vehicle as predicted: the old identification plus the change.
         hydrodynamics: Change of the matrices, arrays of shape (6, 6), by `added_mass` and the names in DAMPINGS.
-        added_mass_std: Standard deviation of the change of M_A's diagonal, shape (6,).
+        added_mass_std: Standard deviation of the change of M_A's diagonal.
         displaced: Buoyancy of all parts that come or go [N]: what an error of their volumes is relative to.
-        moments: Of these forces about CO, by axis, and for each part as much as its place may be off [N m], shape (3,).
+        moments: Of these forces about CO, by axis, and for each part as much as its place may be off [N m].
     """
 
     model: Model
-    hydrodynamics: dict[str, np.ndarray]
-    added_mass_std: np.ndarray
+    hydrodynamics: dict[str, Float[np.ndarray, "6 6"]]
+    added_mass_std: Float[np.ndarray, "6"]
     displaced: float
-    moments: np.ndarray
+    moments: Float[np.ndarray, "3"]
 
 
 def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
@@ -161,8 +162,10 @@ def _changed_solid(found: MassProperties, before: MassProperties, after: MassPro
     return MassProperties(mass, center, about_co - at_co)
 
 
-def _changed(found: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """found + after - before, shape (6, 6).
+def _changed(
+    found: Float[np.ndarray, "6 6"], before: Float[np.ndarray, "6 6"], after: Float[np.ndarray, "6 6"]
+) -> Float[np.ndarray, "6 6"]:
+    """found + after - before.
 
     Where the formulas say that more goes than was found of the whole, they were wrong of the whole as of the part: the
     share that stays is taken, with the couplings as they were.
@@ -175,7 +178,7 @@ def _changed(found: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.nda
     return np.where(np.logical_or.outer(gone, gone), kept, new)
 
 
-def _positive(matrix: np.ndarray) -> np.ndarray:
+def _positive(matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
     """M_A or linear damping with couplings reduced until no motion has a negative share of it.
 
     A published diagonal has none of the couplings of a part that goes, so that they would stay with the other sign.
@@ -201,7 +204,7 @@ def _model(total: Assembly, old: Vehicle, new: Vehicle) -> Model:
     return base.replace(**body, thrusters=thrusters)
 
 
-def _swapped(before: Assembly, after: Assembly) -> tuple[float, np.ndarray]:
+def _swapped(before: Assembly, after: Assembly) -> tuple[float, Float[np.ndarray, "3"]]:
     """Buoyancy of the parts that only one of both has [N], and their moments, errors of place included [N m]."""
 
     def known(total: Assembly) -> set[tuple[float, ...]]:

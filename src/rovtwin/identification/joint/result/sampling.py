@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Scalar
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.model.nodes import NODE, Nodes, difference, moved
 from rovtwin.identification.joint.solver.problem import Problem
@@ -30,17 +32,17 @@ class Samples:
     """Draws from the posterior.
 
     Attributes:
-        theta: Shape (count, n).
-        ratio: Standard deviation of the draws over that of the estimate, per parameter, shape (n,).
-        shift: Mean of the draws less the estimate, in standard deviations of the estimate, shape (n,).
-        effective: Effective number of draws, per parameter, shape (n,).
+        theta: The draws.
+        ratio: Standard deviation of the draws over that of the estimate, per parameter.
+        shift: Mean of the draws less the estimate, in standard deviations of the estimate.
+        effective: Effective number of draws, per parameter.
         divergences: Of the sampler; more than a few mean that the draws are not to be trusted either.
     """
 
-    theta: np.ndarray
-    ratio: np.ndarray
-    shift: np.ndarray
-    effective: np.ndarray
+    theta: Float[np.ndarray, "count n"]
+    ratio: Float[np.ndarray, " n"]
+    shift: Float[np.ndarray, " n"]
+    effective: Float[np.ndarray, " n"]
     divergences: int
 
 
@@ -75,7 +77,7 @@ def sample(problem: Problem, solution: Solution, count: int = 500, warm_up: int 
     )
 
 
-def _spread(problem: Problem, solution: Solution) -> np.ndarray:
+def _spread(problem: Problem, solution: Solution) -> Float[np.ndarray, "m m"]:
     """L with L L' the covariance of [theta, offsets, nodes] in the Gaussian of the estimate."""
     blocks = problem.blocks(solution.unknowns, solution.noise)
     arrow = problem.assembled(blocks, solution.unknowns, solution.noise)
@@ -92,21 +94,21 @@ def _spread(problem: Problem, solution: Solution) -> np.ndarray:
     return np.linalg.inv(np.linalg.cholesky(H)).T
 
 
-def _bent(problem: Problem, solution: Solution) -> Callable[[Any], Array]:
+def _bent(problem: Problem, solution: Solution) -> Callable[[Any], Float[Array, " n"]]:
     """theta (n,) of a step (n,) from the estimate: its part along the common scale of forces follows that curve."""
     parameters, theta = problem.shooting.parameters, jnp.asarray(solution.unknowns.theta)
     along = jax.jacfwd(lambda s: parameters.scaled(theta, s))(0.0)
     weight = jnp.linalg.solve(jnp.asarray(solution.covariance), along)
     weight = weight / (weight @ along)
 
-    def bent(step: Any) -> Array:
+    def bent(step: Any) -> Float[Array, " n"]:
         s = weight @ step
         return parameters.scaled(theta + step - s * along, s)
 
     return bent
 
 
-def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
+def _potential(problem: Problem, solution: Solution, spread: Float[np.ndarray, "m m"]) -> Any:
     """Half the sum of squares, as a function of round coordinates."""
     here, noise = solution.unknowns, solution.noise
     n, G = len(problem.prior.mean), len(problem.groups)
@@ -116,7 +118,7 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
     information, bent = jnp.asarray(problem.prior.information), _bent(problem, solution)
     start_information = jnp.asarray(problem.start_information(noise))
 
-    def potential(z: Array) -> Array:
+    def potential(z: Float[Array, " m"]) -> Scalar:
         x = jnp.asarray(spread) @ z
         theta, offsets = bent(x[:n]), here.offsets + x[n : n + G]
         at = jax.vmap(moved)(nodes, x[n + G :].reshape(-1, NODE))
@@ -139,6 +141,6 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
     return potential
 
 
-def _huber(r: Array, edge: float = HUBER) -> Array:
+def _huber(r: Float[Array, "*axes"], edge: float = HUBER) -> Float[Array, "*axes"]:
     far = jnp.abs(r)
     return jnp.where(far > edge, 2.0 * edge * far - edge**2, r * r)

@@ -10,6 +10,7 @@ Reference: Schmidt (1966), Application of state-space methods to navigation prob
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.solver.problem import Problem
@@ -29,8 +30,8 @@ def scaled(segments: Segments, share: float) -> Segments:
     return replace(segments, arrays=arrays)
 
 
-def scale_response(problem: Problem, solution: Solution) -> np.ndarray:
-    """Change of theta by one standard deviation of the scale, shape (n,); zero where no test has one.
+def scale_response(problem: Problem, solution: Solution) -> Float[np.ndarray, " n"]:
+    """Change of theta by one standard deviation of the scale; zero where no test has one.
 
     One scale for all tests: whoever printed the markers of several did so with one printer.
     """
@@ -38,13 +39,13 @@ def scale_response(problem: Problem, solution: Solution) -> np.ndarray:
     if not any(record.scale_std for record in problem.segments.records):
         return np.zeros(n)
 
-    def step(segments: Segments) -> np.ndarray:
+    def step(segments: Segments) -> Float[np.ndarray, " n"]:
         blocks = problem.blocks(solution.unknowns, solution.noise, segments)
         return problem.assembled(blocks, solution.unknowns, solution.noise).factor().border()[:n]
 
     return (step(scaled(problem.segments, _TINY)) - step(problem.segments)) / _TINY
 
 
-def with_scale(solution: Solution, response: np.ndarray) -> Solution:
+def with_scale(solution: Solution, response: Float[np.ndarray, " n"]) -> Solution:
     """The solution with what the scale moves in its covariance."""
     return replace(solution, covariance=solution.covariance + np.outer(response, response))

@@ -21,6 +21,7 @@ Bias reduction in standard errors for linear regression with multi-stage samples
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float, Int, Real
 from scipy.stats import chi2, norm, t
 
 from rovtwin.identification.joint.model.nodes import NODE, Nodes
@@ -35,13 +36,18 @@ CERTAIN = 0.99  # probability that white noise spreads less than what widens an 
 
 
 def widening(
-    problem: Problem, theta: np.ndarray, blocks: Blocks, noise: Noise, arrow: Arrow, divisions: Sequence[np.ndarray]
-) -> np.ndarray:
-    """By how much each width is too small, f, shape (n,); 1 where stretches agree as well as white noise lets them.
+    problem: Problem,
+    theta: Float[np.ndarray, " n"],
+    blocks: Blocks,
+    noise: Noise,
+    arrow: Arrow,
+    divisions: Sequence[np.ndarray],
+) -> Float[np.ndarray, " n"]:
+    """By how much each width is too small, f; 1 where stretches agree as well as white noise lets them.
 
     Args:
         problem: The readings, by segments of records.
-        theta: At the maximum, shape (n,).
+        theta: At the maximum.
         blocks: The readings' normal equations there.
         noise: As estimated.
         arrow: The normal equations of everything there.
@@ -55,28 +61,33 @@ def widening(
     return np.sqrt(np.minimum(spread(slopes, information, A, divisions)[:n], widest))
 
 
-def widened(covariance: np.ndarray, wider: np.ndarray) -> np.ndarray:
-    """Covariance with widths `wider` times as large, shape (n, n), of which no combination is known better than before.
+def widened(covariance: Float[np.ndarray, "n n"], wider: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    """Covariance with widths `wider` times as large, of which no combination is known better than before.
 
     What comes to it is an error of its own, with the same correlations: C + F C F, F^2 = wider^2 - 1. Scaling rows and
     columns would turn what is known least (the scale of all forces, along which all of them change together) away from
     where it was, so that the next identification, with this as its prior, would take the scale as known.
 
     Args:
-        covariance: Of an exact model, shape (n, n).
-        wider: Not below 1, shape (n,).
+        covariance: Of an exact model.
+        wider: Not below 1.
     """
     more = np.sqrt(wider**2 - 1.0)
     return covariance * (1.0 + np.outer(more, more))
 
 
-def spread(slopes: np.ndarray, information: np.ndarray, A: np.ndarray, divisions: Sequence[np.ndarray]) -> np.ndarray:
-    """What stretches make of the variances over those of an exact model, shape (m,), 1 where they agree.
+def spread(
+    slopes: Float[np.ndarray, "S m"],
+    information: Float[np.ndarray, "S m m"],
+    A: Float[np.ndarray, "m m"],
+    divisions: Sequence[np.ndarray],
+) -> Float[np.ndarray, " m"]:
+    """What stretches make of the variances over those of an exact model, 1 where they agree.
 
     Args:
-        slopes: Of each segment, shape (S, m), see `parts`.
-        information: Of each segment, shape (S, m, m).
-        A: Of everything, shape (m, m).
+        slopes: Of each segment, see `parts`.
+        information: Of each segment.
+        A: Of everything.
         divisions: See `stretches`.
     """
     C = np.linalg.inv(A)
@@ -94,7 +105,7 @@ def spread(slopes: np.ndarray, information: np.ndarray, A: np.ndarray, divisions
 
 
 def stretches(problem: Problem, nodes: Nodes) -> list[np.ndarray]:
-    """Which stretch each segment is in, shape (S,), for every division: by logs, by time and by how the vehicle moves.
+    """Which stretch each segment is in, for every division: by logs, by time and by how the vehicle moves.
 
     An error of the model that comes with a motion is the same each time, whenever it is: a drag that is bent in another
     way at low speed than at high speed. Only stretches of unlike motion disagree about that. A component that nothing
@@ -105,7 +116,7 @@ def stretches(problem: Problem, nodes: Nodes) -> list[np.ndarray]:
     return [*_by_time(counts), *_by_motion(nu, np.asarray(problem.segments.arrays["linked"]))]
 
 
-def _by_time(counts: np.ndarray) -> list[np.ndarray]:
+def _by_time(counts: Int[np.ndarray, " logs"]) -> list[np.ndarray]:
     """Divisions of records of so many segments; none into more stretches than there are segments."""
     total, found = counts.sum(), []
     if len(counts) > 1:
@@ -121,15 +132,15 @@ def _by_time(counts: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def _by_motion(nu: np.ndarray, linked: np.ndarray) -> list[np.ndarray]:
+def _by_motion(nu: Float[np.ndarray, "S k"], linked: Real[np.ndarray, " S"]) -> list[np.ndarray]:
     """Divisions by each of k components of nu (S, k) with its sign, and by its size, into equal numbers of segments."""
     middle = np.where(linked[:, None] > 0, 0.5 * (nu + np.roll(nu, -1, axis=0)), nu)
     rank = np.argsort(np.argsort(np.concatenate([middle, np.abs(middle)], axis=1), axis=0), axis=0)
     return [column * K // len(nu) for K in MOTIONS if len(nu) >= 4 * K for column in rank.T]
 
 
-def parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:
-    """Each segment's slope and information of [theta, offsets], shapes (S, m) and (S, m, m), the nodes eliminated."""
+def parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[Float[np.ndarray, "S m"], Float[np.ndarray, "S m m"]]:
+    """Each segment's slope and information of [theta, offsets], the nodes eliminated."""
     S, m = arrow.b.shape[0], len(arrow.b_corner)
     n = blocks.defect_jacobian.shape[-1] - 2 * NODE
     follow = arrow.factor().follow()  # nodes as theta moves, with the others at their best
@@ -146,9 +157,13 @@ def parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.nd
 
 
 def _squares(
-    slopes: np.ndarray, information: np.ndarray, A: np.ndarray, C: np.ndarray, stretch: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of what each stretch wants of [theta, offsets], and what an exact model makes of them, shapes (K, m)."""
+    slopes: Float[np.ndarray, "S m"],
+    information: Float[np.ndarray, "S m m"],
+    A: Float[np.ndarray, "m m"],
+    C: Float[np.ndarray, "m m"],
+    stretch: Int[np.ndarray, " S"],
+) -> tuple[Float[np.ndarray, "K m"], Float[np.ndarray, "K m"]]:
+    """Squares of what each stretch wants of [theta, offsets], and what an exact model makes of them."""
     R = np.linalg.cholesky(A)
     back = np.linalg.inv(R)
     squares, expected = [], []

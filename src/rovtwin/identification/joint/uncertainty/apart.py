@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.stats import norm
 
 from rovtwin.identification.joint.solver.arrow import Arrow
@@ -29,20 +30,20 @@ class Apart:
 
     Attributes:
         names: Of the logs.
-        theta: Shape (K, n).
-        std: Standard deviation of each with the prior, shape (K, n).
-        difference_std: Of the difference of two, shape (K, K, n).
-        difference_covariance: Of that, shape (K, K, n, n); None where only the widths are known.
+        theta: The estimates.
+        std: Standard deviation of each with the prior.
+        difference_std: Of the difference of two.
+        difference_covariance: Of that; None where only the widths are known.
     """
 
     names: tuple[str, ...]
-    theta: np.ndarray
-    std: np.ndarray
-    difference_std: np.ndarray
-    difference_covariance: np.ndarray | None = None
+    theta: Float[np.ndarray, "K n"]
+    std: Float[np.ndarray, "K n"]
+    difference_std: Float[np.ndarray, "K K n"]
+    difference_covariance: Float[np.ndarray, "K K n n"] | None = None
 
-    def gaps(self) -> np.ndarray:
-        """Differences of two over their widths, shape (K, K, n)."""
+    def gaps(self) -> Float[np.ndarray, "K K n"]:
+        """Differences of two over their widths."""
         return np.abs(self.theta[:, None] - self.theta[None]) / np.maximum(self.difference_std, 1e-12)
 
     def disagreeing(self) -> dict[int, tuple[int, int]]:
@@ -58,7 +59,12 @@ class Apart:
 
 
 def logs_apart(
-    problem: Problem, theta: np.ndarray, blocks: Blocks, noise: Noise, arrow: Arrow, divisions: Sequence[np.ndarray]
+    problem: Problem,
+    theta: Float[np.ndarray, " n"],
+    blocks: Blocks,
+    noise: Noise,
+    arrow: Arrow,
+    divisions: Sequence[Int[np.ndarray, " S"]],
 ) -> Apart | None:
     """Of every log by itself; None where there is one log. Arguments as for `agreement.widening`."""
     counts = np.diff([*problem.segments.first, problem.segments.count])
@@ -70,7 +76,12 @@ def logs_apart(
 
 
 def halves_apart(
-    problem: Problem, theta: np.ndarray, blocks: Blocks, noise: Noise, arrow: Arrow, divisions: Sequence[np.ndarray]
+    problem: Problem,
+    theta: Float[np.ndarray, " n"],
+    blocks: Blocks,
+    noise: Noise,
+    arrow: Arrow,
+    divisions: Sequence[Int[np.ndarray, " S"]],
 ) -> Apart | None:
     """Of the first and the second half of a single log; None where there are several, or it is too short."""
     count = problem.segments.count
@@ -82,15 +93,15 @@ def halves_apart(
 
 def _each_alone(
     names: tuple[str, ...],
-    log: np.ndarray,
+    log: Int[np.ndarray, " S"],
     problem: Problem,
-    theta: np.ndarray,
+    theta: Float[np.ndarray, " n"],
     blocks: Blocks,
     noise: Noise,
     arrow: Arrow,
-    divisions: Sequence[np.ndarray],
+    divisions: Sequence[Int[np.ndarray, " S"]],
 ) -> Apart:
-    """Of each part of the tests by itself; `log` says to which one a segment belongs, shape (S,)."""
+    """Of each part of the tests by itself; `log` says to which one a segment belongs."""
     n, K = len(theta), len(names)
     slopes, information = parts(blocks, noise, arrow)
     A = arrow.factor().corner

@@ -10,6 +10,7 @@ Reference: Tierney and Kadane (1986), JASA 81, 82 (Laplace's method for posterio
 """
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import ndtr
 
 from rovtwin.identification.joint.model.couplings import place_of
@@ -22,13 +23,15 @@ _LINEAR = ("added_mass", "linear_damping", "quadratic_damping")  # forces grow w
 _GRID = np.linspace(-6.0, 6.0, 601)  # standard deviations
 
 
-def moved_to_the_middle(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def moved_to_the_middle(
+    problem: Problem, theta: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """Mean and covariance of theta; the maximum's where they cannot be had.
 
     Args:
         problem: Its prior and static evidence, and how theta scales.
-        theta: At the maximum, shape (n,).
-        readings: Information that the readings give of it, shape (n, n).
+        theta: At the maximum.
+        readings: Information that the readings give of it.
     """
     try:
         theta, readings = _along_the_scale(problem, theta, readings)
@@ -47,7 +50,9 @@ def moved_to_the_middle(problem: Problem, theta: np.ndarray, readings: np.ndarra
     return theta, covariance
 
 
-def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _along_the_scale(
+    problem: Problem, theta: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """The same motion at the mean of the scale, and what the readings tell of theta there.
 
     The posterior of the scale s is that along the curve of equal motion, times the room across it, det H^(-1/2).
@@ -66,18 +71,22 @@ def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) 
     return np.asarray(problem.shooting.scaled(theta, mean)), _carried(problem, theta, readings, mean)
 
 
-def _log_det(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> float:
+def _log_det(problem: Problem, theta: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n n"], s: float) -> float:
     there = np.asarray(problem.shooting.scaled(theta, s))
     return float(np.linalg.slogdet(_carried(problem, theta, readings, s) + problem.static_information(there))[1])
 
 
-def _carried(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> np.ndarray:
+def _carried(
+    problem: Problem, theta: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n n"], s: float
+) -> Float[np.ndarray, "n n"]:
     """The readings' information at another scale: the motion is the same, only the coordinates change."""
     back = np.linalg.inv(np.asarray(problem.shooting.scaled_by_theta(theta, s)))
     return back.T @ readings @ back
 
 
-def _without_skewness(problem: Problem, theta: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _without_skewness(
+    problem: Problem, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """Each weakly known coefficient at the mean of its logarithm, with its spread; what goes with it follows.
 
     One by one, the others giving way: of two that are known by their sum only, part of the way is left.
@@ -103,7 +112,7 @@ def _without_skewness(problem: Problem, theta: np.ndarray, covariance: np.ndarra
 
 
 def _shares_of_unsure_units(
-    problem: Problem, theta: np.ndarray, covariance: np.ndarray
+    problem: Problem, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
 ) -> dict[int, tuple[float, float]]:
     """Mean and variance of couplings of linear damping of which the damping itself is weakly known, by their index.
 
@@ -137,7 +146,9 @@ def _shares_of_unsure_units(
     return found
 
 
-def _longer_side(p: np.ndarray, centre: np.ndarray, std: np.ndarray, mean: float) -> float:
+def _longer_side(
+    p: Float[np.ndarray, " k"], centre: Float[np.ndarray, " k"], std: Float[np.ndarray, " k"], mean: float
+) -> float:
     """Of a mixture of normal distributions: from the mean to the further end of its 95 % interval, over 1.96."""
     width = np.sqrt(p @ (std**2 + (centre - mean) ** 2))
     value = mean + width * np.linspace(-8.0, 8.0, 321)
@@ -153,7 +164,7 @@ def _moments(std: float, before: float, slope: float) -> tuple[float, float]:
     return mean, float(p @ (x - mean) ** 2)
 
 
-def _logarithm(std: float, before: float, slope: float) -> tuple[np.ndarray, np.ndarray]:
+def _logarithm(std: float, before: float, slope: float) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Logarithm, about the maximum, of a value of which the readings are a normal variable: its grid and probabilities.
 
     Args:

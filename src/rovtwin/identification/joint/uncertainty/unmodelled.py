@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float, Shaped
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.numerics import as_array, jnp
@@ -54,16 +55,16 @@ class Effects:
     Attributes:
         names: Of them.
         units: Of their sizes.
-        size: As the tests and what is known beforehand have it, shape (C,).
-        covariance: Of the size, shape (C, C).
-        shift: How theta moves with the size, shape (n, C).
+        size: As the tests and what is known beforehand have it.
+        covariance: Of the size.
+        shift: How theta moves with the size.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    size: np.ndarray
-    covariance: np.ndarray
-    shift: np.ndarray
+    size: Float[np.ndarray, " C"]
+    covariance: Float[np.ndarray, "C C"]
+    shift: Float[np.ndarray, "n C"]
 
     @classmethod
     def none(cls, n: int) -> "Effects":
@@ -71,19 +72,19 @@ class Effects:
         return cls((), (), np.zeros(0), np.zeros((0, 0)), np.zeros((n, 0)))
 
     @property
-    def std(self) -> np.ndarray:
-        """Of the size, shape (C,)."""
+    def std(self) -> Float[np.ndarray, " C"]:
+        """Of the size."""
         return np.sqrt(np.diag(self.covariance))
 
-    def of_theta(self, bound: np.ndarray, positive: np.ndarray) -> np.ndarray:
-        """What comes to the covariance of theta, shape (n, n).
+    def of_theta(self, bound: Float[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+        """What comes to the covariance of theta.
 
         Loads are linear in a parameter's value, theta is the logarithm of one that is `positive`: a value that is off
         by a share s of itself is off by log(1 - s) downwards.
 
         Args:
-            bound: No variance grows by more, shape (n,).
-            positive: Whether theta is a logarithm, shape (n,).
+            bound: No variance grows by more.
+            positive: Whether theta is a logarithm.
         """
         found = self.shift @ (np.outer(self.size, self.size) + self.covariance) @ self.shift.T
         off = np.maximum(np.sqrt(np.diag(found)), 1e-150)
@@ -97,7 +98,7 @@ class _Load(NamedTuple):
 
     name: str
     unit: str
-    at_grid: np.ndarray
+    at_grid: Float[np.ndarray, "S points 6"]
     expected: float
 
 
@@ -125,19 +126,19 @@ def known_of(
     here: Unknowns,
     noise: Noise,
     arrow: Arrow,
-    loads: np.ndarray,
-    expected: np.ndarray,
+    loads: Float[np.ndarray, "S points 6 C"],
+    expected: Float[np.ndarray, " C"],
     wider: float = 1.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sizes of C effects, their covariance, and how theta moves with them, shapes (C,), (C, C) and (n, C).
+) -> tuple[Float[np.ndarray, " C"], Float[np.ndarray, "C C"], Float[np.ndarray, "n C"]]:
+    """Sizes of C effects, their covariance, and how theta moves with them.
 
     Args:
         problem: The readings.
         here: The estimate.
         noise: As estimated.
         arrow: The normal equations there.
-        loads: Of effects of size 1 at grid points, shape (S, K + 1, 6, C).
-        expected: Standard deviations of the sizes beforehand, shape (C,).
+        loads: Of effects of size 1 at grid points.
+        expected: Standard deviations of the sizes beforehand.
         wider: By how much widths of white residuals are too small, see `agreement`.
     """
     cross, own, slope = _normal_equations(problem, here, noise, expected * loads)
@@ -156,8 +157,10 @@ def known_of(
 
 
 def _normal_equations(
-    problem: Problem, here: Unknowns, noise: Noise, loads: np.ndarray
-) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray, np.ndarray]:
+    problem: Problem, here: Unknowns, noise: Noise, loads: Float[np.ndarray, "S points 6 C"]
+) -> tuple[
+    list[tuple[Float[np.ndarray, "S _"], Float[np.ndarray, " m"]]], Float[np.ndarray, "C C"], Float[np.ndarray, " C"]
+]:
     """J'J_c of nodes and of the corner for each effect, J_c'J_c, shape (C, C), and J_c'r, shape (C,), all whitened."""
     blocks = problem.blocks(here, noise, _with_effects(problem.segments, loads))
     n, m, weight = len(here.theta), blocks.slopes.shape[-1], noise.sigma**-2.0
@@ -173,15 +176,15 @@ def _normal_equations(
     return [(nodes[..., c], corner[:, c]) for c in range(loads.shape[-1])], own, slope
 
 
-def _with_effects(segments: Segments, loads: np.ndarray) -> Segments:
+def _with_effects(segments: Segments, loads: Float[np.ndarray, "S points 6 C"]) -> Segments:
     """Segments with loads at grid points (S, K + 1, 6, C) [N, N m] as effects."""
     middle = 0.5 * (loads[:, :-1] + loads[:, 1:])
     at = np.stack([loads[:, :-1], middle, loads[:, 1:]], axis=2)
     return replace(segments, arrays=segments.arrays | {"effects": at})
 
 
-def _through_water(problem: Problem, here: Unknowns) -> np.ndarray:
-    """nu_r of the estimated path at grid points, shape (S, K + 1, 6)."""
+def _through_water(problem: Problem, here: Unknowns) -> Float[np.ndarray, "S points 6"]:
+    """nu_r of the estimated path at grid points."""
     arrays = problem.segments.arrays
     path: Nodes = problem.shooting.trajectories(as_array(here.theta), here.nodes, arrays)
     S, K = path.nu.shape[:2]
@@ -196,8 +199,10 @@ def _length(model: Model) -> float:
     return HULL * float(np.cbrt(np.asarray(model.displaced_mass) / FRESH_WATER))
 
 
-def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
-    """What of the quadratic drag is missing while the wake follows, shape (S, K + 1, 6) [N, N m]: along nu_r."""
+def _late_drag(
+    problem: Problem, model: Model, nu_r: Float[np.ndarray, "S points 6"]
+) -> Float[np.ndarray, "S points 6"]:
+    """What of the quadratic drag is missing while the wake follows [N, N m]: along nu_r."""
     grid, arrays = problem.segments.grid, problem.segments.arrays
     length = _length(model)
     speed = top_speed(model, range(model.thrusters.count))
@@ -217,7 +222,7 @@ def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
     return drag * (square - late)
 
 
-def _tether(problem: Problem, model: Model, nu_r: np.ndarray) -> list[_Load]:
+def _tether(problem: Problem, model: Model, nu_r: Float[np.ndarray, "S points 6"]) -> list[_Load]:
     """The pull of a tether with the hull's quadratic drag along surge, at CO, and its moment at half a hull's length.
 
     None in tests whose tether, or that there is none (0 m), is stated; a tether of some length keeps its moment, which
@@ -244,12 +249,14 @@ def _tether(problem: Problem, model: Model, nu_r: np.ndarray) -> list[_Load]:
     ]
 
 
-def _each(segments: np.ndarray) -> np.ndarray:
+def _each(segments: Shaped[np.ndarray, " S"]) -> Float[np.ndarray, "S 1 1"]:
     return segments[:, None, None].astype(float)
 
 
-def _at_full_force(problem: Problem, theta: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """How theta moves where the loss follows the other law altogether, shape (n,).
+def _at_full_force(
+    problem: Problem, theta: Float[np.ndarray, " n"], shift: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """How theta moves where the loss follows the other law altogether.
 
     A loss is stated at full force. To first order it moves by the share s of itself that the other law lacks at the
     forces of the tests; a law that gives 1 - s of the loss there takes 1 / (1 - s) of it at full force.
@@ -261,7 +268,7 @@ def _at_full_force(problem: Problem, theta: np.ndarray, shift: np.ndarray) -> np
     return shift / (1.0 - np.clip(share, 0.0, _MOST))
 
 
-def _lost_thrust(problem: Problem, model: Model, delay: Any, nu_r: np.ndarray) -> _Load:
+def _lost_thrust(problem: Problem, model: Model, delay: Any, nu_r: Float[np.ndarray, "S points 6"]) -> _Load:
     """A loss in proportion to each thruster's force: of 1 / (m/s), or, where the model has a loss, in place of that."""
     arrays, grid, thrusters = problem.segments.arrays, problem.segments.grid, model.thrusters
     T = np.asarray(thrusters.configuration)

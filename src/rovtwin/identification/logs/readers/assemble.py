@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.arrays.rotations import angle_between, rotation_from_euler
 from rovtwin.core.errors import IdentificationError
@@ -25,16 +26,16 @@ class Part:
     """What one file gave: commands and signals on its own clock.
 
     Attributes:
-        t_command: [s], shape (m,); None where the file has no commands.
-        command: Shape (m, n_thrusters).
+        t_command: [s]; None where the file has no commands.
+        command: Of the thrusters.
         signals: By a name of SIGNALS.
         source: For messages.
         notes: What was left out.
         no_commands: Why there are none, where the format says it.
     """
 
-    t_command: np.ndarray | None
-    command: np.ndarray | None
+    t_command: Float[np.ndarray, " m"] | None
+    command: Float[np.ndarray, "m thrusters"] | None
     signals: dict[str, Signal]
     source: str
     notes: tuple[str, ...]
@@ -118,11 +119,11 @@ def _signal(raw: Raw, name: str, spec: SignalSpec, density: float | None) -> tup
     return Signal(t, value, _sigma(spec, name, where), np.array(spec.lever)), notes
 
 
-def flung(euler: np.ndarray) -> np.ndarray:
+def flung(euler: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     """Readings that differ by far from both neighbours, which agree; angles averaged where they wrap do that.
 
     Args:
-        euler: zyx Euler angles [rad], shape (n, 3).
+        euler: zyx Euler angles [rad].
     """
     R, out = rotation_from_euler(euler), np.zeros(len(euler), bool)
     if len(R) > 2:
@@ -149,7 +150,7 @@ def _check_count(name: str, found: int, where: str) -> None:
         raise IdentificationError(f"{where}.columns: found {found}, expected {needed}")
 
 
-def _sigma(spec: SignalSpec, name: str, where: str) -> np.ndarray | None:
+def _sigma(spec: SignalSpec, name: str, where: str) -> Float[np.ndarray, " k"] | None:
     if spec.sigma is None:
         return None
     sigma, size = np.atleast_1d(np.array(spec.sigma, dtype=float)), len(SIGNALS[name][0])
@@ -159,8 +160,8 @@ def _sigma(spec: SignalSpec, name: str, where: str) -> np.ndarray | None:
 
 
 def _believable(
-    t: np.ndarray, values: np.ndarray, spec: SignalSpec | None, where: str
-) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], spec: SignalSpec | None, where: str
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"], list[str]]:
     """Rows that are finite and later than the one before; notes on what was left out."""
     notes = []
     finite = np.isfinite(t) & np.isfinite(values).all(axis=1)
@@ -211,8 +212,8 @@ def _thruster_columns(table: Table, spec: CommandSpec, thrusters: list[str], whe
     return list(named)
 
 
-def _gains(spec: CommandSpec, columns: int, thrusters: list[str], where: str) -> np.ndarray:
-    """Commands of the thrusters from the columns, shape (n_thrusters, columns)."""
+def _gains(spec: CommandSpec, columns: int, thrusters: list[str], where: str) -> Float[np.ndarray, "thrusters columns"]:
+    """Commands of the thrusters from the columns."""
     if spec.mix is None:
         order = spec.thrusters or thrusters
         if len(order) != columns:

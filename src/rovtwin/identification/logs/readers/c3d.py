@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
@@ -56,7 +57,7 @@ def read_c3d(path: Path, body: str | None, markers: dict[str, list[float]] | Non
     return Raw(path, tables, pose_signals(path, list(tables), body), notes=tuple(notes))
 
 
-def _rate_of(rate: float, points: np.ndarray, values: np.ndarray) -> float:
+def _rate_of(rate: float, points: Float[np.ndarray, "_ _ _"], values: Float[np.ndarray, "n k"]) -> float:
     """Rotations may have a rate of their own, a whole multiple of the points'."""
     return rate * max(1, round(len(values) / points.shape[2])) if points.shape[2] else rate
 
@@ -69,8 +70,8 @@ def _millimetres(file: Any, path: Path) -> float:
     return MILLIMETRES[unit]
 
 
-def _pose(matrices: np.ndarray, scale: float) -> np.ndarray:
-    """Columns of `qtm`: X, Y, Z [mm] and the matrix column by column, of 4x4 transforms, shape (4, 4, n)."""
+def _pose(matrices: Float[np.ndarray, "4 4 n"], scale: float) -> Float[np.ndarray, "n 12"]:
+    """Columns of `qtm`: X, Y, Z [mm] and the matrix column by column, of 4x4 transforms."""
     turned = np.moveaxis(matrices, 2, 0)
     block = np.column_stack([turned[:, :3, 3] * scale, turned[:, :3, :3].transpose(0, 2, 1).reshape(-1, 9)])
     block[~(np.abs(block[:, -9:]).sum(axis=1) > 0.5)] = np.nan
@@ -78,9 +79,9 @@ def _pose(matrices: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _through_markers(
-    points: np.ndarray, labels: list[str], markers: dict[str, list[float]], path: Path
-) -> tuple[np.ndarray, str]:
-    """The same columns from markers [mm], shape (3, n_points, n), and a note on how well they fit."""
+    points: Float[np.ndarray, "3 points n"], labels: list[str], markers: dict[str, list[float]], path: Path
+) -> tuple[Float[np.ndarray, "n 12"], str]:
+    """The same columns from markers [mm], and a note on how well they fit."""
     unknown = [name for name in markers if name not in labels]
     if unknown:
         raise IdentificationError(f"{path}: no marker {unknown[0]!r}.{near(unknown[0], labels)}")
@@ -101,8 +102,10 @@ def _through_markers(
     return block, f"{path}: body through {len(model)} markers, residual rms {np.median(residuals):.2f} mm"
 
 
-def rigid_fit(model: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R, shape (3, 3), and p, shape (3,), that minimise |R model_i + p - seen_i|^2, both shape (n, 3), n >= 3.
+def rigid_fit(
+    model: Float[np.ndarray, "n 3"], seen: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """R and p that minimise |R model_i + p - seen_i|^2, n >= 3.
 
     Kabsch (1976): from the singular vectors of the covariance, the smallest one turned so that det R = 1.
     """

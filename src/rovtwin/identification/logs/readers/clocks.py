@@ -4,14 +4,15 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Real
 
 _WORDS = "t|ts|time|times|time_s|t_s|stamp|stamps|timestamp|timestamps|seconds"
 _FIRST, _LAST = re.compile(rf"^({_WORDS})[_./ ]", re.I), re.compile(rf"[_./ ]({_WORDS})$", re.I)
 _ALONE = re.compile(rf"^({_WORDS})$", re.I)
 
 
-def increasing(t: np.ndarray) -> bool:
-    """Whether numbers may be times: finite, never falling, and not all the same, shape (n,)."""
+def increasing(t: Real[np.ndarray, " n"]) -> bool:
+    """Whether numbers may be times: finite, never falling, and not all the same."""
     steps = np.diff(t)
     return bool(len(t) > 1 and np.isfinite(t).all() and (steps >= 0).all() and t[-1] > t[0])
 

@@ -5,6 +5,7 @@ R_nb = R_nw R_wv R_bv'. ENU and FLU are those of ROS REP 103; NWU is any frame w
 """
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.arrays.rotations import euler_from_rotation
@@ -16,8 +17,8 @@ WORLD = {"ned": np.eye(3), "enu": _ENU, "nwu": _FLU, "frd": np.eye(3), "flu": _F
 BODY = {"frd": np.eye(3), "flu": _FLU, "ned": np.eye(3), "enu": _FLU, "nwu": _FLU}
 
 
-def attitude(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
-    """zyx Euler angles of R_nb [rad], shape (n, 3), of angles [rad], quaternions or matrices, shape (n, 3 | 4 | 9)."""
+def attitude(values: Float[np.ndarray, "n k"], spec: SignalSpec) -> Float[np.ndarray, "n 3"]:
+    """zyx Euler angles of R_nb [rad], of angles [rad], quaternions or matrices."""
     if values.shape[1] == 3:
         order = values[:, ::-1] if spec.euler == "zyx" else values
         R_wv = Rotation.from_euler("ZYX" if spec.euler == "zyx" else "XYZ", order).as_matrix()
@@ -31,19 +32,21 @@ def attitude(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
     return euler_from_rotation(WORLD[frame] @ R_wv @ to_body(spec).T)
 
 
-def to_body(spec: SignalSpec) -> np.ndarray:
-    """R_bv: the file's body axes to b, by its frame and by how the sensor is mounted, shape (3, 3)."""
+def to_body(spec: SignalSpec) -> Float[np.ndarray, "3 3"]:
+    """R_bv: the file's body axes to b, by its frame and by how the sensor is mounted."""
     mounting = Rotation.from_euler("ZYX", spec.mounting_deg[::-1], degrees=True).as_matrix()
     return mounting @ BODY[spec.frame or "frd"]
 
 
-def world_vector(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
-    """Positions in n, shape (n, 3)."""
+def world_vector(values: Float[np.ndarray, "n 3"], spec: SignalSpec) -> Float[np.ndarray, "n 3"]:
+    """Positions in n."""
     return values @ WORLD[spec.frame or "ned"].T
 
 
-def depth(values: np.ndarray, spec: SignalSpec, is_pressure: bool, density: float) -> np.ndarray:
-    """Depth [m], shape (n, 1), of depth, height or pressure [Pa] already less its zero."""
+def depth(
+    values: Float[np.ndarray, "n 1"], spec: SignalSpec, is_pressure: bool, density: float
+) -> Float[np.ndarray, "n 1"]:
+    """Depth [m], of depth, height or pressure [Pa] already less its zero."""
     if is_pressure:
         return values / (density * 9.81)
     return -values if spec.frame in ("up", "enu", "nwu", "flu") else values

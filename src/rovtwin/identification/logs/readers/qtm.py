@@ -10,6 +10,7 @@ Reference: Qualisys Track Manager user manual, "TSV export", 6DOF data; checked 
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.user_files.config import near
@@ -61,7 +62,7 @@ def pose_signals(path: Path, bodies: list[str], body: str | None) -> dict:
     }
 
 
-def _numbers(lines: list[str], width: int, path: Path, first: int) -> np.ndarray:
+def _numbers(lines: list[str], width: int, path: Path, first: int) -> Float[np.ndarray, "n width"]:
     rows = []
     for number, line in enumerate(lines, start=first):
         if not line.strip():

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.user_files.config import near
@@ -26,12 +27,12 @@ class Table:
     Attributes:
         values: Shape (n, k).
         columns: Names, k of them; empty where the file has none.
-        t: Clock [s], shape (n,), or None where a column holds it.
+        t: Clock [s], or None where a column holds it.
     """
 
     values: np.ndarray
     columns: tuple[str, ...] = ()
-    t: np.ndarray | None = None
+    t: Float[np.ndarray, " n"] | None = None
 
     def index(self, column: Column, where: str) -> int:
         """Number of a column given by name or number."""
@@ -44,17 +45,17 @@ class Table:
             raise IdentificationError(f"{where}: no column {column!r}.{near(column, self.columns)}")
         raise IdentificationError(f"{where}: no column {column!r}, expected a number from 0 to {width - 1}")
 
-    def clock(self, column: Column | None, where: str) -> np.ndarray:
-        """Times [s], shape (n,): of a column, else the table's own, else its first column."""
+    def clock(self, column: Column | None, where: str) -> Float[np.ndarray, " n"]:
+        """Times [s]: of a column, else the table's own, else its first column."""
         if column is None and self.t is not None:
             return self.t
         return self.values[:, self.index(0 if column is None else column, where)]
 
-    def column(self, name: str) -> np.ndarray:
-        """One that is known to be there, shape (n,)."""
+    def column(self, name: str) -> Float[np.ndarray, " n"]:
+        """One that is known to be there."""
         return self.values[:, self.columns.index(name)]
 
-    def pick(self, columns: list[Column], where: str) -> np.ndarray:
+    def pick(self, columns: list[Column], where: str) -> Float[np.ndarray, "n k"]:
         """Shape (n, len(columns))."""
         return self.values[:, [self.index(column, where) for column in columns]]
 
@@ -99,8 +100,10 @@ class Raw:
             raise IdentificationError(f"{where}: {text}; the file has {listed(self.tables)}")
         return self.tables[name]
 
-    def clock(self, table: Table, columns: Sequence[Column], time: Column | None, where: str) -> np.ndarray:
-        """Times [s] of a table's rows, shape (n,).
+    def clock(
+        self, table: Table, columns: Sequence[Column], time: Column | None, where: str
+    ) -> Float[np.ndarray, " n"]:
+        """Times [s] of a table's rows.
 
         Args:
             table: One of the file's.
@@ -127,7 +130,7 @@ class Raw:
             )
         return t
 
-    def _other(self, table: Table, time: str, where: str) -> np.ndarray:
+    def _other(self, table: Table, time: str, where: str) -> Float[np.ndarray, " n"]:
         other, rows = self.tables.get(time), len(table.values)
         if other is None:
             among = [*self.tables, *table.columns]

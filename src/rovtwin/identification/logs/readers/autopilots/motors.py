@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Real
 from scipy.optimize import linear_sum_assignment
 
 NEUTRAL, RANGE = 1500.0, 400.0  # [us]
@@ -59,13 +60,13 @@ class Drive:
 
 
 def drives(
-    parameters: dict[str, float], configuration: np.ndarray, names: list[str], outputs: list[int]
+    parameters: dict[str, float], configuration: Float[np.ndarray, "6 n"], names: list[str], outputs: list[int]
 ) -> tuple[dict[str, Drive], list[str]]:
     """Which output drives which thruster, by the thrusters' names, and notes on what was assumed.
 
     Args:
         parameters: Of the autopilot, by name.
-        configuration: Wrench of unit forces, b at CO, shape (6, n).
+        configuration: Wrench of unit forces, b at CO.
         names: Of the thrusters, n of them.
         outputs: Numbers of the outputs that the log has.
 
@@ -98,32 +99,34 @@ def drives(
     return found, [*notes, f"thrusters of frame {frame}: {text}"]
 
 
-def matched(wrenches: np.ndarray, configuration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motor of each thruster, from 0, and the cosine between what they push, shapes (n,).
+def matched(
+    wrenches: Float[np.ndarray, "n 6"], configuration: Float[np.ndarray, "6 n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """The motor of each thruster, from 0, and the cosine between what they push.
 
     Args:
-        wrenches: Of the autopilot's motors at positive output, b, of any size, shape (n, 6).
-        configuration: Wrench of the thrusters' unit forces, shape (6, n).
+        wrenches: Of the autopilot's motors at positive output, b, of any size.
+        configuration: Wrench of the thrusters' unit forces.
     """
     cosine = _unit(configuration.T) @ _unit(wrenches).T
     rows, motor = linear_sum_assignment(-np.abs(cosine))
     return motor, cosine[rows, motor]
 
 
-def _unit(wrenches: np.ndarray) -> np.ndarray:
-    """Wrenches made unit vectors, moments measured by the largest of them, shape (n, 6)."""
+def _unit(wrenches: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 6"]:
+    """Wrenches made unit vectors, moments measured by the largest of them."""
     scaled = wrenches / np.array([1.0, 1.0, 1.0, *[max(np.abs(wrenches[:, 3:]).max(), 1e-9)] * 3])
     return scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-9)
 
 
-def command(pulse: np.ndarray, sign: float) -> np.ndarray:
+def command(pulse: Real[np.ndarray, "*axes"], sign: float) -> Float[np.ndarray, "*axes"]:
     """u of pulse widths [us]; 1100 to 1900 is -1 to 1, and no pulse is off."""
     on = (pulse >= LOWEST) & (pulse <= HIGHEST)
     return np.where(on, np.clip(sign * (pulse - NEUTRAL) / RANGE, -1.0, 1.0), 0.0)
 
 
-def _wrenches(factors: list[tuple[float, ...]]) -> np.ndarray:
-    """Of motors at positive output, FRD, shape (n, 6)."""
+def _wrenches(factors: list[tuple[float, ...]]) -> Float[np.ndarray, "n 6"]:
+    """Of motors at positive output, FRD."""
     return np.array(factors, dtype=float)[:, [4, 5, 3, 0, 1, 2]] * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0]
 
 

@@ -1,6 +1,7 @@
 """Places and speeds of what autopilots are sent: latitude and longitude, steps of a DVL or of visual odometry."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.datum import INVERSE_FLATTENING, SEMI_MAJOR_AXIS
 from rovtwin.identification.logs.readers.raw import Table
@@ -10,15 +11,17 @@ FEW = 5  # fixes that make no track
 LONGEST_STEP = 100.0  # [s]; larger numbers are microseconds
 
 
-def place_table(t: np.ndarray, latitude: np.ndarray, longitude: np.ndarray) -> Table:
+def place_table(
+    t: Float[np.ndarray, " n"], latitude: Float[np.ndarray, " n"], longitude: Float[np.ndarray, " n"]
+) -> Table:
     """Columns north and east [m] from the first place, over the same clock.
 
     By the radii of curvature of WGS-84 at the first place: right to a millimetre over 100 m.
 
     Args:
-        t: Times [s], shape (n,).
-        latitude: [deg], shape (n,), n >= 1.
-        longitude: [deg], shape (n,).
+        t: Times [s].
+        latitude: [deg], n >= 1.
+        longitude: [deg].
     """
     flattening = 1.0 / INVERSE_FLATTENING
     e2 = flattening * (2.0 - flattening)
@@ -48,13 +51,13 @@ def gps_table(table: Table, status: str, latitude: str, longitude: str) -> Table
     return place_table(table.t[fixed], table.column(latitude)[fixed], table.column(longitude)[fixed])
 
 
-def speed_table(t: np.ndarray, step: np.ndarray, moved: np.ndarray) -> Table:
+def speed_table(t: Float[np.ndarray, " n"], step: Float[np.ndarray, " n"], moved: Float[np.ndarray, "n 3"]) -> Table:
     """Columns u, v, w [m/s] of steps, timed in their middle; a step that took no time is left out as NaN.
 
     Args:
-        t: End of each step [s], shape (n,).
-        step: How long it took, shape (n,), in seconds or, where the median says that it cannot be those, microseconds.
-        moved: By how much, b (FRD) [m], shape (n, 3).
+        t: End of each step [s].
+        step: How long it took, in seconds or, where the median says that it cannot be those, microseconds.
+        moved: By how much, b (FRD) [m].
     """
     taken = np.where(step > 0, step, np.nan)
     taken = taken * (1e-6 if np.isfinite(taken).any() and np.nanmedian(taken) > LONGEST_STEP else 1.0)

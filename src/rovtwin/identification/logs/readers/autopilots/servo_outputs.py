@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
 from rovtwin.identification.logs.readers.autopilots.turning import stretches
@@ -74,8 +75,8 @@ def raw_of(flight: Flight) -> Raw:
     )
 
 
-def at_a_time(t: np.ndarray) -> np.ndarray:
-    """Which times [s] lie where most do, shape (n,), n >= 1: a damaged message may be of any."""
+def at_a_time(t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which times [s] lie where most do, n >= 1: a damaged message may be of any."""
     low, high = np.percentile(t, [5, 95])
     return (t >= 2 * low - high - ALONE) & (t <= 2 * high - low + ALONE)
 
@@ -101,19 +102,19 @@ def board_deg(parameters: dict[str, float]) -> list[float]:
     return [*(float(np.degrees(parameters.get(f"AHRS_TRIM_{axis}", 0.0))) for axis in "XY"), 0.0]
 
 
-def armed_changes(t: np.ndarray, armed: np.ndarray) -> list[tuple[float, bool]]:
+def armed_changes(t: Float[np.ndarray, " n"], armed: Float[np.ndarray, " n"]) -> list[tuple[float, bool]]:
     """When a state that is sent again and again changed [s], as `stretches` takes it.
 
     Args:
-        t: Times [s], shape (n,), n >= 1.
-        armed: Whether it was armed then, shape (n,).
+        t: Times [s], n >= 1.
+        armed: Whether it was armed then.
     """
     changes = np.flatnonzero(armed[1:] != armed[:-1]) + 1
     never_changed = [(float("-inf") if armed[0] else float("inf"), True)]
     return [(float(t[i]), bool(armed[i])) for i in changes] or never_changed
 
 
-def _increasing(table: Table) -> tuple[np.ndarray, np.ndarray]:
+def _increasing(table: Table) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
     """Times and rows of finite numbers that come after all before them."""
     assert table.t is not None
     good = np.isfinite(table.t) & np.isfinite(table.values).all(axis=1)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
@@ -210,7 +211,7 @@ def _tables(autopilot: _Component, path: Path, notes: list[str]) -> dict[str, Ta
     return tables
 
 
-def _own_clock(block: np.ndarray, columns: tuple[str, ...]) -> np.ndarray | None:
+def _own_clock(block: Float[np.ndarray, "n k"], columns: tuple[str, ...]) -> Float[np.ndarray, " n"] | None:
     """Time since the autopilot started [s], where the message has it."""
     for name, scale in _CLOCKS.items():
         if name in columns:
@@ -221,8 +222,8 @@ def _own_clock(block: np.ndarray, columns: tuple[str, ...]) -> np.ndarray | None
 
 
 def _on_one_epoch(
-    blocks: Mapping[str, np.ndarray], clocks: Mapping[str, np.ndarray | None]
-) -> dict[str, np.ndarray | None]:
+    blocks: Mapping[str, Float[np.ndarray, "_ _"]], clocks: Mapping[str, Float[np.ndarray, " _"] | None]
+) -> dict[str, Float[np.ndarray, " _"] | None]:
     """Clocks of 32 bits of microseconds, which begin again every 71.6 minutes, go on, and begin with the longest one.
 
     The one that began earliest before its messages arrived has the most bits: it has not begun again.

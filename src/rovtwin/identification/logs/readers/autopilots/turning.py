@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 TURNING = 0.05  # command beyond which a thruster turns; ESCs leave about 25 of 400 us out
 BEFORE, AFTER = 1.0, 5.0  # kept around it: how it begins, and how the motion dies [s]
@@ -23,12 +24,12 @@ class Stretches:
     text: str
 
 
-def stretches(t: np.ndarray, u: np.ndarray, armed: list[tuple[float, bool]]) -> Stretches:
+def stretches(t: Float[np.ndarray, " m"], u: Float[np.ndarray, "m n"], armed: list[tuple[float, bool]]) -> Stretches:
     """Spans in which thrusters turn, shortly before and after too, while armed and without a gap in the commands.
 
     Args:
-        t: Times of the commands [s], shape (m,), increasing.
-        u: Commands, shape (m, n).
+        t: Times of the commands [s], increasing.
+        u: Commands.
         armed: When it was armed or disarmed; before the first it was the other way round. Empty: nobody says.
     """
     if len(t) < 2:
@@ -52,7 +53,7 @@ def stretches(t: np.ndarray, u: np.ndarray, armed: list[tuple[float, bool]]) -> 
     return Stretches(used, f"used: {text} of {t[0]:.1f} to {t[-1]:.1f} s; cut: {cut or 'nothing'}")
 
 
-def _armed_at(t: np.ndarray, armed: list[tuple[float, bool]]) -> np.ndarray:
+def _armed_at(t: Float[np.ndarray, " m"], armed: list[tuple[float, bool]]) -> Bool[np.ndarray, " m"]:
     if not armed:
         return np.ones(len(t), bool)
     times = np.array([when for when, _ in armed])
@@ -60,7 +61,7 @@ def _armed_at(t: np.ndarray, armed: list[tuple[float, bool]]) -> np.ndarray:
     return states[np.searchsorted(times, t, side="right")]
 
 
-def _widened(t: np.ndarray, turning: np.ndarray) -> np.ndarray:
+def _widened(t: Float[np.ndarray, " m"], turning: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
     """Rows that are at most BEFORE earlier or AFTER later than one in which a thruster turns."""
     when = t[turning]
     if not len(when):

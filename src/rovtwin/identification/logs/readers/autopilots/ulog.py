@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.extras import require
@@ -164,8 +165,8 @@ def _rotors(parameters: dict[str, float], vehicle: Vehicle) -> tuple[list[tuple[
     return [(int(r), float(np.sign(f))) for r, f in zip(chosen, fit, strict=True)], []
 
 
-def _wrench(parameters: dict[str, float], i: int) -> np.ndarray:
-    """Of a rotor's unit thrust, FRD about its origin: along its axis, which is upward by default, shape (6,)."""
+def _wrench(parameters: dict[str, float], i: int) -> Float[np.ndarray, "6"]:
+    """Of a rotor's unit thrust, FRD about its origin: along its axis, which is upward by default."""
     place = np.array([parameters.get(f"CA_ROTOR{i}_P{axis}", 0.0) for axis in "XYZ"])
     axis = np.array(
         [parameters.get(f"CA_ROTOR{i}_A{a}", default) for a, default in zip("XYZ", (0, 0, -1), strict=True)]
