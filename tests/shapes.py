@@ -18,7 +18,11 @@ from jaxtyping import TypeCheckError, install_import_hook
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"  # an int will do for a float
 WHERE = (
     *("rovtwin.core.arrays", "rovtwin.core.block", "rovtwin.core.flow", "rovtwin.core.frames", "rovtwin.gnc"),
-    *("rovtwin.identification.joint", "rovtwin.positioning", "rovtwin.simulation", "rovtwin.vehicle"),
+    *("rovtwin.commission.dip", "rovtwin.commission.evidence", "rovtwin.commission.proving"),
+    *("rovtwin.identification", "rovtwin.monitoring", "rovtwin.planning", "rovtwin.positioning"),
+    *("rovtwin.report.parts", "rovtwin.report.series"),
+    *("rovtwin.runs.compose", "rovtwin.runs.feasibility", "rovtwin.runs.loop", "rovtwin.runs.scoring"),
+    *("rovtwin.simulation", "rovtwin.survey", "rovtwin.vehicle"),
 )
 DT = 0.02
 
@@ -104,6 +108,28 @@ def trace_estimate(problems: list[str]) -> int:
     return 3
 
 
+def trace_monitor(problems: list[str]) -> int:
+    """Two steps of the filter that watches a vehicle; how many filters."""
+    import equinox as eqx
+
+    from rovtwin.core.numerics import jax, jnp
+    from rovtwin.monitoring.filter import Levers, Seen
+    from rovtwin.monitoring.monitor import Monitor
+    from rovtwin.vehicle import load_vehicle
+
+    with gathered(problems, "monitor"):
+        model = load_vehicle("double_blueye").model()
+        n, place = model.thrusters.count, jnp.zeros(3)
+        level = jnp.array([1.0, 0.0, 0.0, 0.0])
+        filter = Monitor(model, [f"{i}" for i in range(n)], Levers(place, place, place)).filter
+        read = Seen(jnp.zeros(n), place, level, jnp.zeros(1), place, jnp.zeros(2), jnp.ones(12), jnp.zeros(5))
+        both, held = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), read), jnp.zeros(filter.factors)
+        memory = filter.start(place, level)
+        eqx.filter_eval_shape(filter.over, memory, held, both)
+        eqx.filter_eval_shape(filter.held_at, memory, held)
+    return 1
+
+
 def wrong_calls() -> dict[str, Callable[[], Any]]:
     """With a wrong shape or kind of number: each must be refused."""
     from rovtwin.core.frames import rotation_from_quaternion
@@ -145,8 +171,8 @@ def loop(problems: list[str]) -> str:
 
 
 def estimate(problems: list[str]) -> str:
-    """The estimate."""
-    return f"{trace_estimate(problems)} parts of the estimate"
+    """What is found from recordings: the estimate, and the monitor."""
+    return f"{trace_estimate(problems)} parts of the estimate and {trace_monitor(problems)} monitor"
 
 
 def main(what: str) -> None:

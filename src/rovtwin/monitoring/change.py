@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -45,15 +46,18 @@ class Change:
 
 
 def changes(
-    readings: Sequence[Reading], before: np.ndarray, std_before: np.ndarray, freedom: np.ndarray | float = np.inf
+    readings: Sequence[Reading],
+    before: Float[np.ndarray, " q"],
+    std_before: Float[np.ndarray, " q"],
+    freedom: Float[np.ndarray, " q"] | float = np.inf,
 ) -> list[Change]:
     """What has changed, the surest first.
 
     Args:
         readings: Now.
-        before: Of each, shape (q,).
-        std_before: Its standard deviation, scatter between flights included, shape (q,); NaN: nothing to compare with.
-        freedom: Degrees of freedom with which that deviation is known, shape (q,) or one for all.
+        before: Of each.
+        std_before: Its standard deviation, scatter between flights included; NaN: nothing to compare with.
+        freedom: Degrees of freedom with which that deviation is known, of each or of all.
     """
     learnt = [i for i, reading in enumerate(readings) if reading.learnt and np.isfinite(std_before[i])]
     if not learnt:

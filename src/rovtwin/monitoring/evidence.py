@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 FEW = 6  # blocks below which their spread says nothing
 
@@ -24,13 +25,13 @@ class Block:
 
     Attributes:
         end: When it ended [s].
-        A: Shape (p, p).
-        s: Shape (p,).
+        A: Information.
+        s: Right-hand side, A theta = s.
     """
 
     end: float
-    A: np.ndarray
-    s: np.ndarray
+    A: Float[np.ndarray, "p p"]
+    s: Float[np.ndarray, " p"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,28 +39,28 @@ class Estimated:
     """Factors from some blocks.
 
     Attributes:
-        theta: Shape (p,).
-        covariance: Shape (p, p), widened.
-        widened: By how much the blocks' disagreement widened each standard deviation, shape (p,), at least 1.
+        theta: The factors.
+        covariance: Theirs, widened.
+        widened: By how much the blocks' disagreement widened each standard deviation, at least 1.
         blocks: How many there were.
     """
 
-    theta: np.ndarray
-    covariance: np.ndarray
-    widened: np.ndarray
+    theta: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    widened: Float[np.ndarray, " p"]
     blocks: int
 
     @property
-    def std(self) -> np.ndarray:
+    def std(self) -> Float[np.ndarray, " p"]:
         return np.sqrt(np.diag(self.covariance))
 
 
-def estimated(blocks: Sequence[Block], prior: np.ndarray, fading: float = np.inf) -> Estimated:
+def estimated(blocks: Sequence[Block], prior: Float[np.ndarray, "p p"], fading: float = np.inf) -> Estimated:
     """The factors.
 
     Args:
         blocks: In order of time.
-        prior: Covariance before them, shape (p, p).
+        prior: Covariance before them.
         fading: Time in which what a block says loses half of its weight, against the newest [s].
     """
     precision = np.linalg.inv(prior)
@@ -85,15 +86,21 @@ def estimated(blocks: Sequence[Block], prior: np.ndarray, fading: float = np.inf
     return Estimated(theta, covariance, np.sqrt(np.diag(covariance) / np.diag(inverse)), n)
 
 
-def marginal(fit: float, A: np.ndarray, s: np.ndarray, held: np.ndarray, prior: np.ndarray) -> float:
+def marginal(
+    fit: float,
+    A: Float[np.ndarray, "p p"],
+    s: Float[np.ndarray, " p"],
+    held: Float[np.ndarray, " p"],
+    prior: Float[np.ndarray, "p p"],
+) -> float:
     """Logarithm of the likelihood of a record, whatever the factors are.
 
     Args:
         fit: The same at the factors that were held.
-        A: Sum of the normal equations, shape (p, p).
-        s: The same about theta = 0, shape (p,).
-        held: Shape (p,).
-        prior: Covariance of the factors before, shape (p, p).
+        A: Sum of the normal equations.
+        s: The same about theta = 0.
+        held: Factors at which they were linearised.
+        prior: Covariance of the factors before.
     """
     precision = np.linalg.inv(prior)
     theta = np.linalg.solve(precision + A, s)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.vehicle.physics.model import Model
@@ -42,11 +43,11 @@ class Factors:
 
     Attributes:
         each: Names and units.
-        covariance: Of theta before any flight, shape (p, p).
+        covariance: Of theta before any flight.
     """
 
     each: tuple[Factor, ...]
-    covariance: np.ndarray
+    covariance: Float[np.ndarray, "p p"]
 
     @property
     def names(self) -> list[str]:
@@ -73,12 +74,12 @@ class Factors:
         return cls(tuple(each), covariance)
 
 
-def changed(model: Model, theta: Array) -> Model:
+def changed(model: Model, theta: Float[Array, " p"]) -> Model:
     """The vehicle with these factors; its `inertia_inverse` is that of `model` still, for who solves by other means.
 
     Args:
         model: The vehicle at theta = 0.
-        theta: Shape (p,).
+        theta: The factors.
     """
     n = model.thrusters.count
     drag, added = jnp.exp(0.5 * theta[:6]), jnp.exp(0.5 * theta[6:12])

@@ -17,6 +17,7 @@ Kalman filter as a parameter estimator; Mehra (1972), Approaches to adaptive fil
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.frames import (
     rotation_between,
@@ -24,6 +25,7 @@ from rovtwin.core.frames import (
     skew,
 )
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Flag, HostArray, Matrix3, Matrix6, Quaternion, Scalar, Vector3, Vector6
 from rovtwin.monitoring.factors import changed
 from rovtwin.monitoring.state import (
     ATTITUDE,
@@ -47,43 +49,43 @@ LEAST_NOISE, MOST_NOISE = -5.0, 5.0  # logarithm of its variance against the sta
 
 
 class Seen(eqx.Module):
-    """Readings of one step, averaged; `*_age` is how long before its end they were taken on average [s].
+    """Readings of one step, averaged, or of many, along a leading axis.
 
     Attributes:
-        target: Force to which the command sends each thruster, before its factor [N], shape (n,).
-        gyro, attitude, depth, velocity, horizontal: Shapes (3,), (4,) quaternion, (1,), (3,), (2,).
-        variance: Of rows p q r, phi theta psi, depth, u v w, north east, shape (12,); inf where there is no reading.
-        age: Of the five, shape (5,).
+        target: Force to which the command sends each thruster, before its factor [N].
+        gyro, attitude, depth, velocity, horizontal: As the sensors say; the attitude as a quaternion.
+        variance: Of rows p q r, phi theta psi, depth, u v w, north east; inf where there is no reading.
+        age: Of the five: how long before the end of the step they were taken on average [s].
     """
 
-    target: Array
-    gyro: Array
-    attitude: Array
-    depth: Array
-    velocity: Array
-    horizontal: Array
-    variance: Array
-    age: Array
+    target: Float[HostArray, "*steps n"]
+    gyro: Float[HostArray, "*steps 3"]
+    attitude: Float[HostArray, "*steps 4"]
+    depth: Float[HostArray, "*steps 1"]
+    velocity: Float[HostArray, "*steps 3"]
+    horizontal: Float[HostArray, "*steps 2"]
+    variance: Float[HostArray, "*steps 12"]
+    age: Float[HostArray, "*steps 5"]
 
 
 class Levers(eqx.Module):
-    """Where the sensors of depth, velocity and position sit, from CO, b [m], shapes (3,)."""
+    """Where the sensors of depth, velocity and position sit, from CO, b [m]."""
 
-    depth: Array
-    velocity: Array
-    horizontal: Array
+    depth: Vector3
+    velocity: Vector3
+    horizontal: Vector3
 
 
 class Noise(eqx.Module):
     """The filter's estimate of the motion.
 
     Attributes:
-        initial: Standard deviation of the error at the start, shape (23,).
-        walk: White noise that drives it [unit/sqrt(s)], shape (23,); that of nu is where learning starts.
+        initial: Standard deviation of the error at the start.
+        walk: White noise that drives it [unit/sqrt(s)]; that of nu is where learning starts.
     """
 
-    initial: Array = eqx.field(converter=as_array)
-    walk: Array = eqx.field(converter=as_array)
+    initial: Float[Array, "23"] = eqx.field(converter=as_array)
+    walk: Float[Array, "23"] = eqx.field(converter=as_array)
 
 
 class Memory(eqx.Module):
@@ -91,39 +93,39 @@ class Memory(eqx.Module):
 
     Attributes:
         x: State.
-        P: Covariance of its error, shape (23, 23).
-        V: Derivative of its error by theta, shape (23, p).
-        thrust: Force of each thruster before its factor [N], shape (n,).
-        log_noise: Logarithm of the learnt noise's variance, surge to yaw, against the start, shape (6,).
-        nu_dot: Of the last step, shape (6,).
-        recent: Mean of the last normalised innovations, shape (12,).
+        P: Covariance of its error.
+        V: Derivative of its error by theta.
+        thrust: Force of each thruster before its factor [N].
+        log_noise: Logarithm of the learnt noise's variance, surge to yaw, against the start.
+        nu_dot: Of the last step.
+        recent: Mean of the last normalised innovations.
     """
 
     x: Motion
-    P: Array
-    V: Array
-    thrust: Array
-    log_noise: Array
-    nu_dot: Array
-    recent: Array
+    P: Float[Array, "23 23"]
+    V: Float[Array, "23 p"]
+    thrust: Float[Array, " n"]
+    log_noise: Vector6
+    nu_dot: Vector6
+    recent: Float[Array, "12"]
 
 
 class Gathered(eqx.Module):
     """Normal equations about theta = 0 of some time.
 
     Attributes:
-        A: Shape (p, p).
-        s: Shape (p,).
-        far: How many innovations of each row were beyond FAR, shape (12,).
-        count: How many there were, shape (12,).
+        A: Information.
+        s: Right-hand side, A theta = s.
+        far: How many innovations of each row were beyond FAR.
+        count: How many there were.
         fit: Logarithm of the likelihood of the innovations, each no less likely than its tail beyond FAR.
     """
 
-    A: Array
-    s: Array
-    far: Array
-    count: Array
-    fit: Array
+    A: Float[Array, "p p"]
+    s: Float[Array, " p"]
+    far: Float[Array, "12"]
+    count: Float[Array, "12"]
+    fit: Scalar
 
 
 class MotionFilter(eqx.Module):
@@ -143,19 +145,19 @@ class MotionFilter(eqx.Module):
     factors: int = eqx.field(static=True)
     h: float = eqx.field(static=True)
 
-    def start(self, position: Array, attitude: Array) -> Memory:
+    def start(self, position: Vector3, attitude: Quaternion) -> Memory:
         """At a place and attitude (quaternion)."""
         x, P = Motion.at(position, attitude), jnp.diag(self.noise.initial**2)
         rest = jnp.zeros(self.model.thrusters.count)
         return Memory(x, P, jnp.zeros((ERRORS, self.factors)), rest, jnp.zeros(6), jnp.zeros(6), jnp.zeros(12))
 
     @eqx.filter_jit
-    def over(self, memory: Memory, held: Array, seen: Seen) -> tuple[Memory, Gathered]:
+    def over(self, memory: Memory, held: Float[Array, " p"], seen: Seen) -> tuple[Memory, Gathered]:
         """Through some steps with theta held.
 
         Args:
             memory: Before them.
-            held: Theta, shape (p,).
+            held: Theta.
             seen: Readings, leading axis steps.
         """
         inverse = jnp.linalg.inv(changed(self.model, held).inertia)
@@ -172,11 +174,11 @@ class MotionFilter(eqx.Module):
         return memory, eqx.tree_at(lambda g: g.s, sums, sums.s + sums.A @ held)
 
     @eqx.filter_jit
-    def held_at(self, memory: Memory, shift: Array) -> Memory:
-        """The filter with factors that are held `shift` further on, shape (p,): the state moves as they say."""
+    def held_at(self, memory: Memory, shift: Float[Array, " p"]) -> Memory:
+        """The filter with factors that are held `shift` further on: the state moves as they say."""
         return eqx.tree_at(lambda m: m.x, memory, memory.x.moved(memory.V @ shift))
 
-    def _predicted(self, memory: Memory, held: Array, inverse: Array, now: Seen) -> Memory:
+    def _predicted(self, memory: Memory, held: Float[Array, " p"], inverse: Matrix6, now: Seen) -> Memory:
         force = lag(self.model.thrusters, memory.thrust, now.target, self.h)
         middle = 0.5 * (memory.thrust + force)
         x, nu_dot, F, G = linearised(self.model, held, inverse, memory.x, middle, self.h)
@@ -185,7 +187,7 @@ class MotionFilter(eqx.Module):
         P = F @ memory.P @ F.T + self.h * jnp.diag(driven)
         return Memory(x, P, F @ memory.V + G, force, memory.log_noise, nu_dot, memory.recent)
 
-    def _corrected(self, memory: Memory, held: Array, now: Seen) -> tuple[Memory, Gathered]:
+    def _corrected(self, memory: Memory, held: Float[Array, " p"], now: Seen) -> tuple[Memory, Gathered]:
         """One scalar after the other, all about the predicted state."""
         residual, slope = self._innovations(memory, now)
         P, V, error = memory.P, memory.V, jnp.zeros(ERRORS)
@@ -212,8 +214,8 @@ class MotionFilter(eqx.Module):
             A, s, far, there.astype(float), fit
         )
 
-    def _innovations(self, memory: Memory, now: Seen) -> tuple[Array, Array]:
-        """Readings less what is expected, shape (12,), and slopes of what is expected, shape (12, 23)."""
+    def _innovations(self, memory: Memory, now: Seen) -> tuple[Float[Array, "12"], Float[Array, "12 23"]]:
+        """Readings less what is expected, and slopes of what is expected."""
         x, nu_dot, age = memory.x, memory.nu_dot, now.age
         R_nb, omega = rotation_from_quaternion(x.attitude), x.nu[3:]
         turned = rotation_between(now.attitude, x.attitude) + age[1] * omega
@@ -234,25 +236,24 @@ class MotionFilter(eqx.Module):
             slope = slope.at[rows, ATTITUDE].set(-(R_nb @ skew(lever - age[which] * x.nu[:3]))[of])
         return jnp.concatenate(residuals), slope
 
-    def _place(self, x: Motion, R_nb: Array, lever: Array, age: Array) -> Array:
-        """Of a sensor, some time ago, n [m], shape (3,)."""
+    def _place(self, x: Motion, R_nb: Matrix3, lever: Vector3, age: Scalar) -> Vector3:
+        """Of a sensor, some time ago, n [m]."""
         return x.position + R_nb @ (lever - age * x.nu[:3])
 
 
-def _log_likelihood(away: Array, S: Array) -> Array:
+def _log_likelihood(away: Scalar, S: Scalar) -> Scalar:
     """Of an innovation of variance S that is `away` standard deviations, but for a constant; linear beyond FAR."""
     near = jnp.minimum(jnp.abs(away), FAR)
     return -0.5 * (jnp.log(S) + near * (2.0 * jnp.abs(away) - near))
 
 
-def _learnt(log_noise: Array, alike: Array, logged: Array) -> Array:
+def _learnt(log_noise: Vector6, alike: Float[Array, "12"], logged: Flag) -> Vector6:
     """Logarithm of the noise's variance after a step.
 
     Args:
-        log_noise: Before it, shape (6,).
-        alike: Product of normalised innovations and the mean of those before, shape (12,); zero on average if the
-            noise is right.
-        logged: Whether there was a velocity, bool; else depth and position have to do.
+        log_noise: Before it.
+        alike: Product of normalised innovations and the mean of those before; zero on average if the noise is right.
+        logged: Whether there was a velocity; else depth and position have to do.
     """
     alike = alike * np.sqrt((2.0 - RECENT) / RECENT)  # of unit variance
     level = 0.5 * (alike[10] + alike[11])

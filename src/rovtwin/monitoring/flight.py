@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.errors import IdentificationError
@@ -88,13 +89,15 @@ class FlightMonitor:
         self._monitor.hold(np.zeros(len(self._monitor.factors.each)))
         self._monitor.begin(np.zeros(3), np.zeros(3))
 
-    def take(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> Found | None:
+    def take(
+        self, t: Float[np.ndarray, " ticks"], measurements: Measurements, command: Float[np.ndarray, "ticks n"]
+    ) -> Found | None:
         """Ticks in a row; what is found, if a second has been done since.
 
         Args:
-            t: Of the ticks [s], shape (ticks,), on the clock of the readings.
+            t: Of the ticks [s], on the clock of the readings.
             measurements: Of each tick, leading axis ticks.
-            command: That each tick gave, shape (ticks, n).
+            command: That each tick gave.
         """
         if self.trouble:
             return None
@@ -153,7 +156,7 @@ class FlightMonitor:
         inside = t < start + 1.0
         return Record("flight", t[inside], command[inside], self._by_signal(), start + 1.0)
 
-    def _since(self, start: float) -> tuple[np.ndarray, np.ndarray]:
+    def _since(self, start: float) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m n"]]:
         """Commands from a time on, with the one that holds then."""
         row = max(int(np.searchsorted(self._t, start + 1e-9, side="right")) - 1, 0)
         return np.concatenate([[start], self._t[row + 1 :]]), self._command[row:]
@@ -163,15 +166,15 @@ class FlightMonitor:
         self._t, self._command = self._since(start)
         self._signals = {name: signal.cut(start, np.inf) for name, signal in self._signals.items()}
 
-    def _place(self) -> np.ndarray:
-        """Where it is as far as it is known, n [m], shape (3,)."""
+    def _place(self) -> Float[np.ndarray, "3"]:
+        """Where it is as far as it is known, n [m]."""
         place = np.zeros(3)
         for name, rows in (("position", slice(0, 2)), ("pressure", slice(2, 3))):
             if name in self._signals and len(self._signals[name].t):
                 place[rows] = self._signals[name].value[0]
         return place
 
-    def _keep(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> None:
+    def _keep(self, t: Float[np.ndarray, " m"], measurements: Measurements, command: Float[np.ndarray, "m n"]) -> None:
         for name, signal in self._signals.items():
             if name in measurements:
                 slot = measurements[name]
@@ -182,8 +185,8 @@ class FlightMonitor:
                 self._signals[name] = _joined(signal, come)
         self._t, self._command = np.concatenate([self._t, t]), np.concatenate([self._command, command])
 
-    def _in_b(self, name: str, value: np.ndarray) -> np.ndarray:
-        """Readings along the axes of b, shape (m, k)."""
+    def _in_b(self, name: str, value: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """Readings along the axes of b."""
         rotation = np.asarray(self._mounts[name].rotation)
         if name in ("position", "pressure") or np.array_equal(rotation, np.eye(3)):
             return value

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
@@ -71,13 +72,15 @@ def with_lost(readings: Seen, lost: Lost, begun: float, h: float) -> Seen:
     return _scaled(readings, lost.number, first, lost.left)
 
 
-def suspect(gathered: Sequence[Gathered], theta: np.ndarray, prior: np.ndarray, n: int) -> bool:
+def suspect(
+    gathered: Sequence[Gathered], theta: Float[np.ndarray, " p"], prior: Float[np.ndarray, "p p"], n: int
+) -> bool:
     """Whether a thruster's factor seems to jump at some time of a record, or any factor is far from what was thought.
 
     Args:
         gathered: Of each second.
-        theta: What was found, shape (p,).
-        prior: Covariance of the factors before, shape (p, p).
+        theta: What was found.
+        prior: Covariance of the factors before.
         n: How many thrusters there are.
     """
     far = np.abs(theta) / np.sqrt(np.diag(prior))
@@ -90,16 +93,16 @@ class Search:
 
     Attributes:
         filter: Of the vehicle.
-        prior: Covariance of its factors before, shape (p, p).
-        position, attitude: At the start, in n [m] and Euler angles [rad], shapes (3,).
+        prior: Covariance of its factors before.
+        position, attitude: At the start, in n [m] and Euler angles [rad].
         begun: When it starts, in the log's time [s].
         names: Of the thrusters.
     """
 
     filter: MotionFilter
-    prior: np.ndarray
-    position: np.ndarray
-    attitude: np.ndarray
+    prior: Float[np.ndarray, "p p"]
+    position: Float[np.ndarray, "3"]
+    attitude: Float[np.ndarray, "3"]
     begun: float
     names: Sequence[str]
 
@@ -187,8 +190,8 @@ def _scaled(readings: Seen, k: int, first: int, left: float) -> Seen:
     return eqx.tree_at(lambda seen: seen.target, readings, target)
 
 
-def _jumps(gathered: Sequence[Gathered], prior: np.ndarray, n: int) -> np.ndarray:
-    """Delta of each thruster's factor from each second on, in standard deviations, shape (n, seconds)."""
+def _jumps(gathered: Sequence[Gathered], prior: Float[np.ndarray, "p p"], n: int) -> Float[np.ndarray, "n seconds"]:
+    """Delta of each thruster's factor from each second on, in standard deviations."""
     A, s = (np.stack([getattr(one, name) for one in gathered]) for name in ("A", "s"))
     P = np.linalg.inv(np.linalg.inv(prior) + A.sum(axis=0))
     rest = s - A @ (P @ s.sum(axis=0))

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.frames import quaternion_from_euler
@@ -64,14 +65,19 @@ class Monitor:
         self._memory: Memory | None = None
         self._open: list[Gathered] = []
 
-    def begin(self, position: np.ndarray, attitude: np.ndarray, held: np.ndarray | None = None) -> None:
+    def begin(
+        self,
+        position: Float[np.ndarray, "3"],
+        attitude: Float[np.ndarray, "3"],
+        held: Float[np.ndarray, " p"] | None = None,
+    ) -> None:
         """Begin with no evidence.
 
         Args:
-            position: Of the vehicle in n [m], shape (3,).
-            attitude: Euler angles [rad], shape (3,).
-            held: Factors about which to linearise all of it, shape (p,); None: those of the description at first, then
-                what has been found.
+            position: Of the vehicle in n [m].
+            attitude: Euler angles [rad].
+            held: Factors about which to linearise all of it; None: those of the description at first, then what has
+                been found.
         """
         at = jnp.asarray(position, float), quaternion_from_euler(jnp.asarray(attitude, float))
         self._memory, self.blocks, self.time, self._open = self.filter.start(*at), [], 0.0, []
@@ -144,13 +150,13 @@ class Monitor:
             )
         return lines
 
-    def hold(self, theta: np.ndarray) -> None:
-        """Linearise about these factors from now on, shape (p,); the motion that was found moves as they say."""
+    def hold(self, theta: Float[np.ndarray, " p"]) -> None:
+        """Linearise about these factors from now on; the motion that was found moves as they say."""
         assert self._memory is not None, "begin() comes first"
         self._memory = self.filter.held_at(self._memory, jnp.asarray(theta - self._held))
         self._held = theta
 
-    def _within(self, theta: np.ndarray) -> np.ndarray:
+    def _within(self, theta: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         """Factors about which it may be linearised."""
         std = np.sqrt(np.diag(self.factors.covariance))
         return np.clip(theta, -FARTHEST * std, FARTHEST * std)
@@ -221,7 +227,7 @@ def watched(
 
 def _with_lost(
     monitor: Monitor,
-    start: tuple[np.ndarray, np.ndarray],
+    start: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
     begun: float,
     readings: Seen,
     thrusters: Sequence[str],
@@ -246,7 +252,10 @@ def _with_lost(
 
 
 def _passes(
-    monitor: Monitor, start: tuple[np.ndarray, np.ndarray], readings: Seen, progress: Callable[[float], None]
+    monitor: Monitor,
+    start: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
+    readings: Seen,
+    progress: Callable[[float], None],
 ) -> list[Gathered]:
     """Through all readings, PASSES times; what each second of the first said."""
     a_second = round(1.0 / monitor.filter.h)

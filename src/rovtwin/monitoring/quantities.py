@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.monitoring.evidence import Estimated
 from rovtwin.monitoring.factors import AXES, Factors
@@ -58,7 +59,7 @@ class Reading:
     @property
     def learnt(self) -> bool:
         """Whether the flight says something of it: it is narrower than before, or far from what was thought."""
-        return self.std < LEARNT * self.prior_std or abs(self.value) > FAR * max(self.prior_std, self.std)
+        return bool(self.std < LEARNT * self.prior_std or abs(self.value) > FAR * max(self.prior_std, self.std))
 
     @property
     def scale(self) -> tuple[float, str]:
@@ -98,7 +99,7 @@ class Quantities:
 
     Attributes:
         each: What they are.
-        matrix: Shape (q, p).
+        matrix: Derivatives by the factors.
     """
 
     def __init__(self, model: Model, thrusters: Sequence[str], factors: Factors):
@@ -138,11 +139,11 @@ class Quantities:
             Reading(quantity, float(value[i]), float(std[i]), float(before[i])) for i, quantity in enumerate(self.each)
         ]
 
-    def _std(self, covariance: np.ndarray) -> np.ndarray:
+    def _std(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, " q"]:
         return np.sqrt(np.einsum("qp,pr,qr->q", self.matrix, covariance, self.matrix))
 
 
-def _against_others(shares: np.ndarray, k: int) -> np.ndarray:
+def _against_others(shares: Float[np.ndarray, "_ n"], k: int) -> Float[np.ndarray, " n"]:
     """A thruster's factor less the mean of the others along the axis in which it counts most, on those of all, (n,).
 
     One that has no others there is compared with nothing: a common change is hard to tell, a difference is not.
@@ -156,8 +157,8 @@ def _against_others(shares: np.ndarray, k: int) -> np.ndarray:
     return out
 
 
-def _shares(model: Model) -> np.ndarray:
-    """Share of each thruster in the force along each axis, shape (6, n); zeros where thrusters do not push."""
+def _shares(model: Model) -> Float[np.ndarray, "6 n"]:
+    """Share of each thruster in the force along each axis; zeros where thrusters do not push."""
     T = np.asarray(model.thrusters.configuration)
     low, high = (np.asarray(limit) for limit in force_limits(model.thrusters))
     most = np.abs(T) * np.maximum(-low, high)

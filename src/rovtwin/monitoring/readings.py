@@ -1,9 +1,10 @@
 """Readings of a record, laid on the filter's steps: averages, how old they are, and their noise."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import quaternion_from_euler
-from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.monitoring.filter import Levers, Seen
 from rovtwin.vehicle.physics.model import Model
@@ -67,8 +68,8 @@ def seen(model: Model, record: Record, h: float) -> Seen:
     return Seen(_targets(model, record, ends, h), variance=variance, age=age, **values)  # type: ignore[arg-type]  (NumPy: the compiled step takes both)
 
 
-def noise_of(signal: Signal) -> np.ndarray:
-    """Standard deviation of each component: as declared, or what second differences say, shape (k,)."""
+def noise_of(signal: Signal) -> Float[np.ndarray, " k"]:
+    """Standard deviation of each component: as declared, or what second differences say."""
     if signal.sigma is not None:
         return np.broadcast_to(np.asarray(signal.sigma, float), signal.value.shape[1:])
     if len(signal.t) < 10:
@@ -77,13 +78,13 @@ def noise_of(signal: Signal) -> np.ndarray:
     return np.median(np.abs(np.diff(value, n=2, axis=0)), axis=0) / 0.6745 / np.sqrt(6.0)
 
 
-def _targets(model: Model, record: Record, ends: np.ndarray, h: float) -> np.ndarray:
-    """Force to which commands send each thruster, averaged over each step [N], shape (steps, n)."""
+def _targets(model: Model, record: Record, ends: Float[np.ndarray, " steps"], h: float) -> Float[np.ndarray, "steps n"]:
+    """Force to which commands send each thruster, averaged over each step [N]."""
     looks = (ends[:, None] - h * (np.arange(LOOKS)[::-1] + 0.5) / LOOKS).ravel()
     force = np.asarray(_forces(model, jnp.asarray(record.command_at(looks))))
     return force.reshape(len(ends), LOOKS, -1).mean(axis=1)
 
 
 @jax.jit
-def _forces(model: Model, command: jax.Array) -> jax.Array:
+def _forces(model: Model, command: Float[Array, "m n"]) -> Float[Array, "m n"]:
     return jax.vmap(lambda u: static_force(model.thrusters, u))(command)

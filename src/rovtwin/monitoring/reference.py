@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.monitoring.factors import AXES
 from rovtwin.vehicle import Vehicle
@@ -10,8 +11,8 @@ from rovtwin.vehicle import Vehicle
 UNIT_TO_UNIT = 0.05  # by which the forces of thrusters of one make differ, as a share
 
 
-def identified_std(vehicle: Vehicle, quantities: Sequence[str]) -> np.ndarray | None:
-    """Standard deviation that the identification states of each quantity, shape (q,); None of one not identified.
+def identified_std(vehicle: Vehicle, quantities: Sequence[str]) -> Float[np.ndarray, " q"] | None:
+    """Standard deviation that the identification states of each quantity; None of one not identified.
 
     NaN where it states none. That of a drag is the larger one of its linear and quadratic coefficients, that of a
     force the larger one ahead and astern: upper bounds, for errors of the two go against each other.

@@ -14,6 +14,7 @@ Quaternion Kinematics for the Error-State Kalman Filter, sec. 5.
 """
 
 import equinox as eqx
+from jaxtyping import Float
 
 from rovtwin.core.frames import (
     cross,
@@ -22,6 +23,7 @@ from rovtwin.core.frames import (
     rotation_from_quaternion,
 )
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Matrix6, PerThruster, Quaternion, Vector2, Vector3, Vector6
 from rovtwin.monitoring.factors import changed
 from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.physics.model import Model
@@ -36,31 +38,31 @@ class Motion(eqx.Module):
     """What is estimated beside the factors.
 
     Attributes:
-        position: CO in n [m], shape (3,).
-        attitude: Quaternion R_nb, shape (4,).
-        nu: Over ground, b at CO, shape (6,).
-        force: Disturbance in n [N], shape (3,).
-        moment: Disturbance in b [N m], shape (3,).
-        current: Of the water, north and east [m/s], shape (2,).
-        gyro_bias: b [rad/s], shape (3,).
+        position: CO in n [m].
+        attitude: Quaternion R_nb.
+        nu: Over ground, b at CO.
+        force: Disturbance in n [N].
+        moment: Disturbance in b [N m].
+        current: Of the water, north and east [m/s].
+        gyro_bias: b [rad/s].
     """
 
-    position: Array
-    attitude: Array
-    nu: Array
-    force: Array
-    moment: Array
-    current: Array
-    gyro_bias: Array
+    position: Vector3
+    attitude: Quaternion
+    nu: Vector6
+    force: Vector3
+    moment: Vector3
+    current: Vector2
+    gyro_bias: Vector3
 
     @classmethod
-    def at(cls, position: Array, attitude: Array) -> "Motion":
+    def at(cls, position: Vector3, attitude: Quaternion) -> "Motion":
         """At a place and attitude, at rest as far as is known."""
         three = jnp.zeros(3)
         return cls(position, attitude, jnp.zeros(6), three, three, jnp.zeros(2), three)
 
-    def moved(self, error: Array) -> "Motion":
-        """The state with an error, shape (23,), added; that of the attitude is a small rotation seen from b."""
+    def moved(self, error: Float[Array, "23"]) -> "Motion":
+        """The state with an error added; that of the attitude is a small rotation seen from b."""
         return Motion(
             self.position + error[POSITION],
             quaternion_turned(self.attitude, 0.5 * error[ATTITUDE]),
@@ -71,22 +73,22 @@ class Motion(eqx.Module):
             self.gyro_bias + error[GYRO_BIAS],
         )
 
-    def away(self, other: "Motion") -> Array:
-        """The error that takes `other` to this state, shape (23,)."""
+    def away(self, other: "Motion") -> Float[Array, "23"]:
+        """The error that takes `other` to this state."""
         turn = rotation_between(self.attitude, other.attitude)
         parts = [self.position - other.position, turn, self.nu - other.nu]
         parts += [getattr(self, name) - getattr(other, name) for name in ("force", "moment", "current", "gyro_bias")]
         return jnp.concatenate(parts)
 
 
-def acceleration(model: Model, inverse: Array, x: Motion, thrust: Array) -> Array:
-    """nu_dot, shape (6,), with the right derivative with respect to a model that is not the one of `inverse`.
+def acceleration(model: Model, inverse: Matrix6, x: Motion, thrust: Float[Array, " n"]) -> Vector6:
+    """nu_dot, with the right derivative with respect to a model that is not the one of `inverse`.
 
     Args:
         model: The vehicle at some factors.
-        inverse: M^-1 at the factors that are held, shape (6, 6).
+        inverse: M^-1 at the factors that are held.
         x: State.
-        thrust: Force of each thruster before its factor [N], shape (n,).
+        thrust: Force of each thruster before its factor [N].
     """
     R_nb = rotation_from_quaternion(x.attitude)
     omega, flow = x.nu[3:], R_nb.T[:, :2] @ x.current
@@ -103,10 +105,10 @@ def acceleration(model: Model, inverse: Array, x: Motion, thrust: Array) -> Arra
     return relative - jnp.concatenate([cross(omega, flow), jnp.zeros(3)])
 
 
-def stepped(model: Model, inverse: Array, x: Motion, thrust: Array, h: float) -> tuple[Motion, Array]:
-    """The state h later by the midpoint rule, and nu_dot in the middle, shape (6,)."""
+def stepped(model: Model, inverse: Matrix6, x: Motion, thrust: PerThruster, h: float) -> tuple[Motion, Vector6]:
+    """The state h later by the midpoint rule, and nu_dot in the middle."""
 
-    def onward(rates: Motion, nu_dot: Array, h: float) -> Motion:
+    def onward(rates: Motion, nu_dot: Vector6, h: float) -> Motion:
         R_nb = rotation_from_quaternion(rates.attitude)
         attitude = quaternion_turned(x.attitude, 0.5 * h * rates.nu[3:])
         place = x.position + h * (R_nb @ rates.nu[:3])
@@ -118,12 +120,12 @@ def stepped(model: Model, inverse: Array, x: Motion, thrust: Array, h: float) ->
 
 
 def linearised(
-    model: Model, theta: Array, inverse: Array, x: Motion, thrust: Array, h: float
-) -> tuple[Motion, Array, Array, Array]:
+    model: Model, theta: Float[Array, " p"], inverse: Matrix6, x: Motion, thrust: PerThruster, h: float
+) -> tuple[Motion, Vector6, Float[Array, "23 23"], Float[Array, "23 p"]]:
     """A step, nu_dot, and the derivatives of the error after it: by the error, (23, 23), and by theta, (23, p)."""
     after, nu_dot = stepped(changed(model, theta), inverse, x, thrust, h)
 
-    def error_after(both: Array) -> Array:
+    def error_after(both: Float[Array, " _"]) -> Float[Array, "23"]:
         there, _ = stepped(changed(model, theta + both[ERRORS:]), inverse, x.moved(both[:ERRORS]), thrust, h)
         return there.away(after)
 

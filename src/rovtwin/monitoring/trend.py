@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.stats import t as student
 
 from rovtwin.monitoring.change import CARED_FOR, FALSE_ALARMS, Change, changes
@@ -26,11 +27,11 @@ class Run:
     readings: list[Reading]
 
     @property
-    def value(self) -> np.ndarray:
+    def value(self) -> Float[np.ndarray, " n"]:
         return np.array([reading.value for reading in self.readings])
 
     @property
-    def std(self) -> np.ndarray:
+    def std(self) -> Float[np.ndarray, " n"]:
         return np.array([reading.std for reading in self.readings])
 
 
@@ -39,20 +40,20 @@ class Baseline:
     """What runs before say together.
 
     Attributes:
-        value: Weighted mean, shape (q,).
-        std: Of a further run's true value about it: of the mean, and the scatter, shape (q,).
-        scatter: Between runs beyond what they state, shape (q,).
+        value: Weighted mean.
+        std: Of a further run's true value about it: of the mean, and the scatter.
+        scatter: Between runs beyond what they state.
         freedom: Degrees of freedom with which it is known.
         runs: How many.
-        unlearnt: What none of them has learnt, shape (q,), bool.
+        unlearnt: What none of them has learnt.
     """
 
-    value: np.ndarray
-    std: np.ndarray
-    scatter: np.ndarray
+    value: Float[np.ndarray, " q"]
+    std: Float[np.ndarray, " q"]
+    scatter: Float[np.ndarray, " q"]
     freedom: float
     runs: int
-    unlearnt: np.ndarray
+    unlearnt: Bool[np.ndarray, " q"]
 
 
 @dataclass(frozen=True)
