@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Float
 from scipy.stats import spearmanr
 
 from rovtwin.campaign.distributions import kind_of
@@ -46,8 +47,8 @@ def _kind(reason: str) -> str:
     return reason.split(":")[0] if reason.startswith("not finished") else reason
 
 
-def column(table: pa.Table, name: str) -> np.ndarray:
-    """A column, shape (n,); numbers as float with NaN for none, text as objects."""
+def column(table: pa.Table, name: str) -> Float[np.ndarray, " n"]:
+    """A column; numbers as float with NaN for none, text as objects."""
     kind = table.schema.field(name).type
     values = table[name].to_pylist()
     if pa.types.is_string(kind):
@@ -55,7 +56,7 @@ def column(table: pa.Table, name: str) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
-def quantiles(values: np.ndarray) -> dict[str, float]:
+def quantiles(values: Float[np.ndarray, " n"]) -> dict[str, float]:
     """Median, 5 and 95 % of the finite values, and how many they are."""
     finite = values[np.isfinite(values)]
     low, middle, high = np.quantile(finite, QUANTILES)

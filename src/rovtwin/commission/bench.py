@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
@@ -78,10 +79,12 @@ class Readings:
     Attributes:
         arrived: When they came [s], shape (n,).
         valid: When they were true, by their own stamp [s], shape (n,).
-        value: Shape (n, k).
+        value: What they were.
     """
 
-    def __init__(self, arrived: np.ndarray, valid: np.ndarray, value: np.ndarray):
+    def __init__(
+        self, arrived: Float[np.ndarray, " n"], valid: Float[np.ndarray, " n"], value: Float[np.ndarray, "n k"]
+    ):
         self.arrived, self.valid, self.value = arrived, valid, value
 
     @classmethod
@@ -105,19 +108,19 @@ class Readings:
         return float(np.median(self.arrived - self.valid)) if len(self.valid) else np.nan
 
     @property
-    def noise(self) -> np.ndarray:
-        """Standard deviation of white noise, shape (k,), from neighbouring differences; NaN of fewer than ten."""
+    def noise(self) -> Float[np.ndarray, " k"]:
+        """Standard deviation of white noise, from neighbouring differences; NaN of fewer than ten."""
         if len(self.value) < 10:
             return np.full(self.value.shape[1], np.nan)
         return np.asarray(np.diff(_unwrapped(self.value), axis=0).std(axis=0) / np.sqrt(2.0))
 
     @property
-    def mean(self) -> np.ndarray:
+    def mean(self) -> Float[np.ndarray, " k"]:
         """Shape (k,)."""
         return self.value.mean(axis=0)
 
-    def allan(self, seconds: float = 1.0) -> np.ndarray:
-        """Allan deviation over averages of so long, shape (k,); NaN where there are fewer than four of them."""
+    def allan(self, seconds: float = 1.0) -> Float[np.ndarray, " k"]:
+        """Allan deviation over averages of so long; NaN where there are fewer than four of them."""
         each = max(1, round(seconds * self.rate))
         whole = len(self.value) // each
         if whole < 4:
@@ -126,7 +129,7 @@ class Readings:
         return np.asarray(np.sqrt(0.5 * np.mean(np.diff(means, axis=0) ** 2, axis=0)))
 
 
-def _unwrapped(value: np.ndarray) -> np.ndarray:
+def _unwrapped(value: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
     """Angles do not jump by a turn; nothing else jumps by that much at rest either."""
     return np.unwrap(value, axis=0) if value.shape[1] == 3 else value
 
@@ -166,7 +169,7 @@ def _sensor(name: str, sensor: Sensor, found: Readings, assumed: bool = False) -
         yield Check("ok", name, f"{found.rate:.3g} Hz, {1e3 * found.age:.0f} ms old{digits}")
 
 
-def _gravity(found: dict[str, Readings], turned: dict[str, np.ndarray]) -> Iterator[Check]:
+def _gravity(found: dict[str, Readings], turned: dict[str, Float[np.ndarray, "3 3"]]) -> Iterator[Check]:
     """At rest the accelerometer feels -g along the attitude's vertical; axes that are not as written show."""
     force, attitude, gyro = (found.get(name) for name in ("accelerometer", "attitude", "gyro"))
     turning = 0.0 if gyro is None or not len(gyro.value) else float(np.abs(gyro.mean).max())
@@ -194,11 +197,11 @@ def _gravity(found: dict[str, Readings], turned: dict[str, np.ndarray]) -> Itera
     yield Check("stop", "vertical", text, "Check how both are mounted (`attitude_deg`), and their frames (NED, FRD).")
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
+def _angle(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
     return float(np.arccos(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b) + 1e-12), -1.0, 1.0)))
 
 
-def _orders() -> Iterator[tuple[str, np.ndarray]]:
+def _orders() -> Iterator[tuple[str, Float[np.ndarray, "3 3"]]]:
     """What may have happened to three axes, the simplest first: signs, then swaps."""
     yield "all its axes have the other sign", -np.eye(3)
     for signs in itertools.product((1.0, -1.0), repeat=3):

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
@@ -41,14 +42,14 @@ class Pull:
     Attributes:
         direction: Of DIRECTIONS.
         command: Of all thrusters that help.
-        u: Commands of the thrusters, shape (n,).
+        u: Commands of the thrusters.
         expected: Reading of the scale by the file [N].
         lift: Net buoyancy that the scale reads too little by [N]; 0 but in heave.
     """
 
     direction: str
     command: float
-    u: np.ndarray
+    u: Float[np.ndarray, " n"]
     expected: float
     lift: float
 

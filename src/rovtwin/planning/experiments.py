@@ -13,6 +13,7 @@ from itertools import count
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.core.errors import ConfigError, IdentificationError
@@ -161,7 +162,7 @@ def plan_tests(
         tilts = np.array([flown[i].tilt.max() > tipping for i in usable])
         left = replace(ours, seconds=np.where(tilts, np.inf, ours.seconds))
 
-        def near(one: Rehearsed) -> np.ndarray:
+        def near(one: Rehearsed) -> Float[np.ndarray, " n"]:
             fenced = tank.past_a_fence(model, one, errs) if errs else np.empty(0)
             return np.concatenate([tank.near(vehicle, one, touching), one.t[one.tilt > tipping], fenced])
 
@@ -200,7 +201,7 @@ def plan_tests(
 
 def _laid_out(
     fly: Callable[[list[int]], tuple[Scenario, Rehearsed]],
-    near: Callable[[Rehearsed], np.ndarray],
+    near: Callable[[Rehearsed], Float[np.ndarray, " _"]],
     prior: Gaussian,
     information: Information,
     seconds: float,

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.extras import require
 from rovtwin.core.notebook import axes_of, labelled
@@ -29,7 +30,7 @@ class Plan(Stored):
     Attributes:
         scenario: To fly.
         expected: What it should tell.
-        thesis: Standard deviations after the thesis's steady steps, in open water, in the same time, shape (n,).
+        thesis: Standard deviations after the thesis's steady steps, in open water, in the same time.
         ratio: Geometric mean of the variances over the thesis's, of what at least one of both identifies.
         flown: As the twin flies it: times, path, commands.
         room: Between hull and walls on that path [m].
@@ -45,7 +46,7 @@ class Plan(Stored):
 
     scenario: Scenario
     expected: Expected
-    thesis: np.ndarray
+    thesis: Float[np.ndarray, " n"]
     ratio: float
     flown: Rehearsed
     room: float
@@ -55,8 +56,8 @@ class Plan(Stored):
     model: Model
 
     @property
-    def known(self) -> np.ndarray:
-        """Which parameters the plan or the steady steps identify, shape (n,), bool."""
+    def known(self) -> Bool[np.ndarray, " n"]:
+        """Which parameters the plan or the steady steps identify."""
         return identified(self.expected.plan, self.thesis, self.expected.prior)
 
     @property

@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Key
 
 from rovtwin.core.arrays.batch import batched
 from rovtwin.core.errors import ConfigError
@@ -13,6 +14,7 @@ from rovtwin.core.flow import ABORTED, REASONS, Slot
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import SENSORS
+from rovtwin.core.types import Index
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.logs.rotations import in_body, std_in_body
 from rovtwin.runs.compose.composition import Simulation, compose, keys_of
@@ -83,20 +85,20 @@ def _with_plant(loop: Loop, plant: Model) -> Loop:
 
 
 @partial(jax.jit, static_argnames="control_dt")
-def _begin(loop: Loop, plants: Model, keys: Array, start: Any, control_dt: float) -> LoopMemory:
+def _begin(loop: Loop, plants: Model, keys: Key[Array, " vehicles"], start: Any, control_dt: float) -> LoopMemory:
     return jax.vmap(lambda plant, key: _with_plant(loop, plant).init(key, start, control_dt))(plants, keys)
 
 
 @partial(jax.jit, static_argnames=("ticks", "control_dt"), donate_argnames="memories")
 def _advance(
-    loop: Loop, plants: Model, memories: LoopMemory, k: Array, ticks: int, control_dt: float
+    loop: Loop, plants: Model, memories: LoopMemory, k: Index, ticks: int, control_dt: float
 ) -> tuple[LoopMemory, Any]:
     """`ticks` control ticks of all vehicles; what identification may see of them, leading axes (vehicle, tick)."""
 
     def fly_one(plant: Model, memory: LoopMemory) -> tuple[LoopMemory, Any]:
         own = _with_plant(loop, plant)
 
-        def one(carry: LoopMemory, i: Array) -> tuple[LoopMemory, Any]:
+        def one(carry: LoopMemory, i: Index) -> tuple[LoopMemory, Any]:
             after, record = own.tick(carry, i, control_dt)
             setpoint = record.autopilot.setpoint
             return after, (record.autopilot.command.u, record.measurements, setpoint.phase, setpoint.reason)

@@ -7,11 +7,13 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float, Shaped
 
 from rovtwin.core.arrays.rotations import tilt_of
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORTED
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Index, PRNGKey
 from rovtwin.gnc.experiment import Experiment
 from rovtwin.identification.logs.record import Record
 from rovtwin.planning.records import records_of
@@ -31,19 +33,19 @@ class Rehearsed:
 
     Attributes:
         scenario: The test.
-        t: [s], shape (n,).
-        position, attitude, nu: Truth, shapes (n, 3), (n, 4), (n, 6).
-        command: Shape (n, n_thrusters).
+        t: [s].
+        position, attitude, nu: Truth.
+        command: Of the thrusters, -1 to 1.
         records: As a log would give them, but without noise; the sensors' noise is declared in them.
         aborted_at: When the vehicle left its limits [s]; there are no records then. None: it did not.
     """
 
     scenario: Scenario
-    t: np.ndarray
-    position: np.ndarray
-    attitude: np.ndarray
-    nu: np.ndarray
-    command: np.ndarray
+    t: Float[np.ndarray, " n"]
+    position: Float[np.ndarray, "n 3"]
+    attitude: Float[np.ndarray, "n 3"]
+    nu: Float[np.ndarray, "n 3"]
+    command: Float[np.ndarray, "n thrusters"]
     records: list[Record]
     aborted_at: float | None
 
@@ -53,8 +55,8 @@ class Rehearsed:
         return self.aborted_at is not None
 
     @property
-    def tilt(self) -> np.ndarray:
-        """From upright, as the attitude limit has it [rad], shape (n,)."""
+    def tilt(self) -> Float[np.ndarray, " n"]:
+        """From upright, as the attitude limit has it [rad]."""
         return np.linalg.norm(tilt_of(self.attitude), axis=1)
 
 
@@ -100,7 +102,7 @@ def _stacked(experiments: list[Experiment]) -> Experiment:
     longest = max(len(experiment.timeline.row) for experiment in experiments)
     rows = max(len(experiment.timeline.on) for experiment in experiments)
 
-    def padded(leaf: Array, size: int) -> Array:
+    def padded(leaf: Shaped[Array, "..."], size: int) -> Shaped[Array, "..."]:
         return jnp.pad(leaf, [(0, size - leaf.shape[0])] + [(0, 0)] * (leaf.ndim - 1))
 
     def even(experiment: Experiment) -> Experiment:
@@ -133,18 +135,18 @@ def _with_test(loop: Loop, test: tuple[Experiment, AttitudeRestraint]) -> Loop:
 
 
 @partial(jax.jit, static_argnames="control_dt")
-def _begin(loop: Loop, tests: Any, key: Array, start: Start, control_dt: float) -> LoopMemory:
+def _begin(loop: Loop, tests: Any, key: PRNGKey, start: Start, control_dt: float) -> LoopMemory:
     return jax.vmap(lambda test: _with_test(loop, test).init(key, start, control_dt))(tests)
 
 
 @partial(jax.jit, static_argnames=("ticks", "control_dt"), donate_argnames="memories")
 def _advance(
-    loop: Loop, tests: Any, memories: LoopMemory, k: Array, ticks: int, control_dt: float
+    loop: Loop, tests: Any, memories: LoopMemory, k: Index, ticks: int, control_dt: float
 ) -> tuple[LoopMemory, Any]:
     def fly_one(test: Any, memory: LoopMemory) -> tuple[LoopMemory, Any]:
         own = _with_test(loop, test)
 
-        def one(carry: LoopMemory, i: Array) -> tuple[LoopMemory, Any]:
+        def one(carry: LoopMemory, i: Index) -> tuple[LoopMemory, Any]:
             after, record = own.tick(carry, i, control_dt)
             state, setpoint = record.state, record.autopilot.setpoint
             seen = (record.autopilot.command.u, record.measurements, setpoint.phase, setpoint.reason)

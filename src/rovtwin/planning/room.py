@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.planning.candidates import in_words
@@ -68,20 +69,20 @@ def axes_left_out(scales: ExperimentScales) -> list[str]:
 def excitation(
     vehicle: Vehicle,
     tank: Tank,
-    top: np.ndarray,
-    able: np.ndarray,
+    top: Float[np.ndarray, " axes"],
+    able: Bool[np.ndarray, "6"],
     pulls: Sequence[tuple[str | None, Rehearsed]],
-    reached: np.ndarray,
+    reached: Float[np.ndarray, "6"],
 ) -> list[str]:
     """Directions in which a plan stays well below the top speed, and the tank in which a pull would reach it.
 
     Args:
         vehicle: That is tested.
         tank: It has.
-        top: Its top speeds, shape (>= 3,) [m/s].
-        able: Which axes thrusters push, shape (6,), bool.
+        top: Its top speeds [m/s].
+        able: Which axes thrusters push.
         pulls: The axis of each candidate, None for several, and how the twin flies it in open water.
-        reached: Largest speeds of the plan, shape (6,) [m/s].
+        reached: Largest speeds of the plan [m/s].
 
     Raises:
         ConfigError: A direction is not excited at all: what the plan reaches on each axis, what it takes, the tank.

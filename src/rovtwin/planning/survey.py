@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.core.datum import Datum
@@ -200,7 +201,7 @@ def _scenario(
     base: Scenario,
     vehicle: str,
     plan: SurveyPlan,
-    corners: np.ndarray,
+    corners: Float[np.ndarray, "n 2"],
     datum: Datum,
     depth: float,
     acceptance: float,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
@@ -65,8 +66,8 @@ class Tank:
         room, at = self.nearest(self._hull(vehicle, flown))
         return room, float(flown.t[::HULL_EVERY][at])
 
-    def near(self, vehicle: Vehicle, flown: Rehearsed, least: float) -> np.ndarray:
-        """When the hull is nearer than `least` [m] to walls, floor or surface, up to an abort, shape (k,) [s]."""
+    def near(self, vehicle: Vehicle, flown: Rehearsed, least: float) -> Float[np.ndarray, " k"]:
+        """When the hull is nearer than `least` [m] to walls, floor or surface, up to an abort [s]."""
         t = flown.t[::HULL_EVERY]
         end = np.inf if flown.aborted_at is None else flown.aborted_at
         return t[(self._clear(self._hull(vehicle, flown)) <= least) & (t <= end)]
@@ -116,22 +117,22 @@ class Tank:
     def __str__(self) -> str:
         return "x".join(f"{size:.4g}" for size in self.sizes)
 
-    def _hull(self, vehicle: Vehicle, flown: Rehearsed) -> np.ndarray:
-        """Corners of the hull along a path, shape (n, m, 3) [m]."""
+    def _hull(self, vehicle: Vehicle, flown: Rehearsed) -> Float[np.ndarray, "n m 3"]:
+        """Corners of the hull along a path [m]."""
         return flown.position[::HULL_EVERY, None, :] + self._reach(vehicle.model(), flown)
 
     @staticmethod
-    def _reach(model: Model, flown: Rehearsed) -> np.ndarray:
-        """From CO to corners of the hull, NED, shape (n, m, 3) [m]."""
+    def _reach(model: Model, flown: Rehearsed) -> Float[np.ndarray, "n m 3"]:
+        """From CO to corners of the hull, NED [m]."""
         R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
         return np.einsum("tij,mj->tmi", R_nb, np.asarray(model.hull.corners))
 
-    def nearest(self, corners: np.ndarray) -> tuple[float, int]:
-        """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""
+    def nearest(self, corners: Float[np.ndarray, "n m 3"]) -> tuple[float, int]:
+        """Least distance of points on a path from walls, floor and surface [m], and the row where."""
         room = self._clear(corners)
         return float(room.min()), int(room.argmin())
 
-    def _clear(self, corners: np.ndarray) -> np.ndarray:
+    def _clear(self, corners: Float[np.ndarray, "n m 3"]) -> Float[np.ndarray, " n"]:
         half = 0.5 * np.array(self.sizes)
         return (half - np.abs(corners - np.array(self.middle))).min(axis=(1, 2))
 

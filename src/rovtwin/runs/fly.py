@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError, exists_already
@@ -188,7 +189,7 @@ def _run(
     return False
 
 
-def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n ..."]]]:
     if scenario.test:
         return {}
     on_leg = flown.mode[:, 3] > 0.5
@@ -208,7 +209,9 @@ def _closing(summary: dict[str, Any]) -> dict[str, str]:
     return {"summary": to_json(summary)}
 
 
-def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+def _joined(
+    parts: list[tuple[Float[np.ndarray, " _"], Float[np.ndarray, "_ ..."]]],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n ..."]]:
     times, values = zip(*parts, strict=True)
     return np.concatenate(times), np.concatenate(values)
 

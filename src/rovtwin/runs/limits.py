@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.gnc.guidance.level_speed import SPARE
 from rovtwin.gnc.scales import VehicleScales
@@ -21,22 +22,22 @@ class Limits:
 
     Attributes:
         length: Cube root of the volume of water that the vehicle displaces [m].
-        force: Of all thrusters together, weight and buoyancy counted in heave [N, N m], shape (6, 2); 0 along an axis
-            without thrusters.
-        top: Speed at which drag takes all of it [m/s, rad/s], shape (6, 2).
-        mass: Of each axis, added mass included [kg, kg m2], shape (6,).
-        level: Speed through the water in surge and sway at which it stays level [m/s], shape (2,).
-        upright: Speed at which half of what rights it is left [m/s], shape (2,).
+        force: Of all thrusters together, weight and buoyancy counted in heave [N, N m]; 0 along an axis without
+            thrusters.
+        top: Speed at which drag takes all of it [m/s, rad/s].
+        mass: Of each axis, added mass included [kg, kg m2].
+        level: Speed through the water in surge and sway at which it stays level [m/s].
+        upright: Speed at which half of what rights it is left [m/s].
         munk_yaw: Added mass in sway beyond that in surge [kg]: a flow of speed U turns the vehicle across itself with
             up to half of it times U^2 (Fossen 2021, sec. 6.3.3).
     """
 
     length: float
-    force: np.ndarray
-    top: np.ndarray
-    mass: np.ndarray
-    level: np.ndarray
-    upright: np.ndarray
+    force: Float[np.ndarray, "6 2"]
+    top: Float[np.ndarray, "6 2"]
+    mass: Float[np.ndarray, "6"]
+    level: Float[np.ndarray, "2"]
+    upright: Float[np.ndarray, "2"]
     munk_yaw: float
 
     @classmethod
@@ -83,8 +84,8 @@ class Limits:
         return math.sqrt(2.0 * self.both_ways(5) / self.munk_yaw) if self.munk_yaw > 0.0 else math.inf
 
     @property
-    def through(self) -> np.ndarray:
-        """Speed through the water in surge and sway, columns as above, by thrust and level [m/s], shape (2, 2)."""
+    def through(self) -> Float[np.ndarray, "2 2"]:
+        """Speed through the water in surge and sway, columns as above, by thrust and level [m/s]."""
         return np.minimum(self.top[:2], self.level[:, None])
 
     @property

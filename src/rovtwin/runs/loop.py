@@ -5,12 +5,14 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.arrays.batch import batched
 from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
 from rovtwin.core.numerics import Array, in_one_piece, jax, jit_once, jnp
+from rovtwin.core.types import HostArray, Index, PRNGKey, Scalar, Vector3, Vector6
 from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.events.topside import Topside
 from rovtwin.simulation.tether.tether import Line
@@ -25,9 +27,9 @@ class LoopMemory(eqx.Module):
     twin: Any
     state: State
     measurements: Measurements
-    water_velocity: Array
-    external_wrench: Array
-    surface: Array | None
+    water_velocity: Vector3
+    external_wrench: Vector6
+    surface: Scalar | None
 
     @property
     def tethers(self) -> dict[str, Line]:
@@ -35,7 +37,7 @@ class LoopMemory(eqx.Module):
         return {name: tether.line for name, tether in self.twin.tethers.items()}
 
     @property
-    def broken_force(self) -> Array | None:
+    def broken_force(self) -> Index | None:
         """Which force of one's own gave what is no number, see `WorldMemory`."""
         return self.twin.world.broken
 
@@ -48,14 +50,14 @@ class Record(eqx.Module):
     """
 
     state: State
-    water_velocity: Array
-    external_wrench: Array
+    water_velocity: Float[HostArray, "*ticks 3"]
+    external_wrench: Float[HostArray, "*ticks 6"]
     measurements: Measurements
     autopilot: AutopilotOutput
-    surface: Array | None = None
+    surface: Float[HostArray, "*ticks"] | None = None
     battery: BatteryState | None = None
     tethers: dict[str, Line] = eqx.field(default_factory=dict)
-    broken_force: Array | None = None
+    broken_force: Int[HostArray, "*ticks"] | None = None
 
 
 class Loop(eqx.Module):
@@ -65,7 +67,7 @@ class Loop(eqx.Module):
     twin: Twin
     topside: Topside | None = None
 
-    def init(self, key: Array, start: Start, control_dt: float) -> LoopMemory:
+    def init(self, key: PRNGKey, start: Start, control_dt: float) -> LoopMemory:
         """Memory before tick 0: no reading has come yet."""
         key_autopilot, key_twin = jax.random.split(key)
         twin = self.twin.init(key_twin, start)
@@ -81,7 +83,7 @@ class Loop(eqx.Module):
             surface=water.surface,
         )
 
-    def tick(self, memory: LoopMemory, k: Array, control_dt: float) -> tuple[LoopMemory, Record]:
+    def tick(self, memory: LoopMemory, k: Index, control_dt: float) -> tuple[LoopMemory, Record]:
         """One control period; k counts control ticks and is the same for all vehicles of a batch."""
         inputs = AutopilotInput(memory.measurements, jnp.asarray(NO_REQUEST))
         if self.topside:
@@ -112,15 +114,15 @@ class Loop(eqx.Module):
         return after, record
 
 
-def _chunk(loop: Loop, memory: LoopMemory, k: Array, ticks: int, control_dt: float) -> tuple[LoopMemory, Record]:
-    def one(carry: LoopMemory, i: Array) -> tuple[LoopMemory, Record]:
+def _chunk(loop: Loop, memory: LoopMemory, k: Index, ticks: int, control_dt: float) -> tuple[LoopMemory, Record]:
+    def one(carry: LoopMemory, i: Index) -> tuple[LoopMemory, Record]:
         return loop.tick(carry, i, control_dt)
 
     return jax.lax.scan(one, memory, k + jnp.arange(ticks))
 
 
 def _chunk_batch(
-    loops: Loop, memories: LoopMemory, k: Array, ticks: int, control_dt: float
+    loops: Loop, memories: LoopMemory, k: Index, ticks: int, control_dt: float
 ) -> tuple[LoopMemory, Record]:
     return batched(lambda loop, memory: _chunk(loop, memory, k, ticks, control_dt))(loops, memories)
 
@@ -150,11 +152,17 @@ _tick = jax.jit(Loop.tick, static_argnames="control_dt")  # traced once, for wha
 
 
 def _advance_flat(
-    loop: Array, memory: Array, k: Array, *, layouts: "_Layouts", ticks: int, control_dt: float
-) -> tuple[Array, Array]:
+    loop: Float[Array, " _"],
+    memory: Float[Array, " _"],
+    k: Index,
+    *,
+    layouts: "_Layouts",
+    ticks: int,
+    control_dt: float,
+) -> tuple[Float[Array, " _"], Float[Array, "ticks _"]]:
     parameters = layouts.loop.unflatten(loop)
 
-    def one(carry: LoopMemory, i: Array) -> tuple[LoopMemory, Array]:
+    def one(carry: LoopMemory, i: Index) -> tuple[LoopMemory, Float[Array, " _"]]:
         after, record = _tick(parameters, carry, i, control_dt=control_dt)
         return after, layouts.record.flatten(record)
 
@@ -186,7 +194,7 @@ class HostLoop:
     To hand over 200 arrays and take as many takes as long as a third of a simulated second.
     """
 
-    def __init__(self, loop: Loop, key: Array, start: Start, control_dt: float, ticks: int, short: int = SHORT):
+    def __init__(self, loop: Loop, key: PRNGKey, start: Start, control_dt: float, ticks: int, short: int = SHORT):
         """A chunk is `ticks` control ticks of `control_dt` seconds; from tick `short` on the program is optimised."""
         memory = start_loop(loop, key, start, control_dt=control_dt)
         self._k, self._ticks, self._control_dt, self._short = 0, ticks, control_dt, short

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.flat import Layout, Packer
 from rovtwin.core.block import Block
@@ -45,7 +46,9 @@ class HostAutopilot:
         self._host = [x.start for x in (places.host.link_age, places.host.operator_age, places.host.lateness)]
         self._u, self._phase = output_places.command.u, output_places.setpoint.phase.start
 
-        def tick(parameters: Array, before: Array, taken: Array) -> Array:
+        def tick(
+            parameters: Float[Array, " _"], before: Float[Array, " _"], taken: Float[Array, " _"]
+        ) -> Float[Array, " _"]:
             # Parameters come as a vector too: as constants they would make every vehicle a program of its own.
             _, memory = self._gives.unflatten(before)
             memory, output = step(blocks.unflatten(parameters), memory, self._takes.unflatten(taken))

@@ -6,10 +6,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, Command, Measurement, Measurements
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.types import PRNGKey
 from rovtwin.links.twin import TwinLink
 from rovtwin.runs.loop import SHORT, HostLoop, Loop, Record, start_loop
 from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
@@ -20,7 +22,7 @@ CHUNK = 1.0  # simulated time between looks from outside [s]
 
 
 def chunks(
-    loop: Loop, key: Array, start: Start, control_dt: float, duration: float, short: int = SHORT
+    loop: Loop, key: PRNGKey, start: Start, control_dt: float, duration: float, short: int = SHORT
 ) -> Iterator[Record]:
     """Records of a run from the compiled loop, on the host, leading axis of at most one simulated second.
 
@@ -52,7 +54,7 @@ def until_the_end(record: Record, most: int) -> tuple[Record, bool]:
 
 def realtime_chunks(
     loop: Loop,
-    key: Array,
+    key: PRNGKey,
     start: Start,
     control_dt: float,
     duration: float,
@@ -128,7 +130,9 @@ def above(topside: Topside | None, control_dt: float) -> Callable[[int], Above]:
     return at
 
 
-def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.ndarray]]) -> Record:
+def _recorded(
+    autopilot: HostAutopilot, rows: list[tuple[Any, Float[np.ndarray, " _"], Float[np.ndarray, " _"]]]
+) -> Record:
     """The record of several ticks, leading axis ticks, from truth before each and the autopilot's vectors."""
     truths, taken, given = zip(*rows, strict=True)
     truth = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))

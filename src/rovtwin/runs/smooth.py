@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError, LogError
@@ -40,7 +41,7 @@ class SmoothedRun(Stored):
     Attributes:
         track: See `Smoothed`.
         log: Channels `smoothed/*`.
-        errors: rms north and east [m] of filter and smoother, shape (2, 2); None without the truth.
+        errors: rms north and east [m] of filter and smoother; None without the truth.
 
     Example:
         >>> rovtwin.smooth("runs/survey")  # doctest: +SKIP
@@ -49,7 +50,7 @@ class SmoothedRun(Stored):
 
     track: Smoothed
     log: Log
-    errors: np.ndarray | None
+    errors: Float[np.ndarray, "2 2"] | None
 
     def __repr__(self) -> str:
         """One line, as a notebook shows it."""
@@ -160,8 +161,8 @@ def slots_of(log: Log, ticks: int, dt: float) -> Measurements:
     return slots
 
 
-def commands_of(log: Log, ticks: int, dt: float) -> np.ndarray:
-    """Command that was sent over the tick before each, shape (ticks, n_thrusters); the last one logged holds."""
+def commands_of(log: Log, ticks: int, dt: float) -> Float[np.ndarray, "ticks thrusters"]:
+    """Command that was sent over the tick before each; the last one logged holds."""
     series = log["autopilot/command"]
     at = np.searchsorted(series.t, dt * (np.arange(ticks) - 1) + 1e-9, side="right") - 1
     return np.where((at >= 0)[:, None], series.values[np.maximum(at, 0)], 0.0)
@@ -183,7 +184,7 @@ def _log_of(track: Smoothed, source: Log) -> Log:
     return Log.from_arrays(channels, data, metadata)
 
 
-def _errors(track: Smoothed, log: Log) -> np.ndarray | None:
+def _errors(track: Smoothed, log: Log) -> Float[np.ndarray, "2 k"] | None:
     if "truth/eta" not in log:
         return None
     truth = log["truth/eta"]

@@ -183,7 +183,7 @@ def roll_out(
     """
     start = State.at(model, Start.at(position, heading))
     water = Environment.calm(velocity=as_array(current))
-    path = _run(model, start, Command(as_array(u)), water, dt)
+    path = _run(model, start, jax.vmap(Command)(as_array(u)), water, dt)
     states = {
         name: np.concatenate([np.asarray(getattr(start, name))[None], np.asarray(getattr(path, name))])
         for name in ("position", "attitude", "nu", "thrust")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, coordinates_text
@@ -136,7 +137,7 @@ def _rings(value: Any, where: str) -> list[Ring]:
     return [(f"{where}[{i}]", _corners(ring, f"{where}[{i}]")) for i, ring in enumerate(_list(value, where))]
 
 
-def _corners(ring: Any, where: str) -> np.ndarray:
+def _corners(ring: Any, where: str) -> Float[np.ndarray, "n 2"]:
     """Longitude and latitude of a ring, shape (n, 2) [deg]; a height is left out."""
     corners = []
     for i, place in enumerate(_list(ring, where)):
@@ -173,7 +174,7 @@ def _polygon(rings: list[Ring], datum: Datum | None, file: str) -> Any:
     return shape
 
 
-def _in_plane(corners: np.ndarray, datum: Datum | None) -> np.ndarray:
+def _in_plane(corners: Float[np.ndarray, "n _"], datum: Datum | None) -> Float[np.ndarray, "n 2"]:
     return corners if datum is None else datum.position(corners[:, 1], corners[:, 0], np.zeros(len(corners)))[:, :2]
 
 

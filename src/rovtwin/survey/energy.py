@@ -9,6 +9,7 @@ vehicle's file does not name, and cold.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.survey.pace import drag_ahead
 from rovtwin.vehicle import Vehicle
@@ -23,15 +24,15 @@ class Budget:
 
     Attributes:
         names: Of the batteries; none where the vehicle's file has none.
-        capacity_wh: Shape (b,) [Wh].
-        used_wh: By the whole survey, shape (b,) [Wh].
+        capacity_wh: Of each [Wh].
+        used_wh: By the whole survey [Wh].
         propulsion_w: Of all thrusters while it goes [W].
         hotel_w: Of everything else [W].
     """
 
     names: list[str]
-    capacity_wh: np.ndarray
-    used_wh: np.ndarray
+    capacity_wh: Float[np.ndarray, " b"]
+    used_wh: Float[np.ndarray, " b"]
     propulsion_w: float
     hotel_w: float
 
@@ -70,8 +71,8 @@ def budget(vehicle: Vehicle, model: Model, speed: float, going: float, waiting: 
     )
 
 
-def thruster_powers(vehicle: Vehicle, model: Model, wrench: np.ndarray) -> np.ndarray:
-    """Electrical power of each thruster [W], shape (n,), when together they make a wrench, b at CO, shape (6,)."""
+def thruster_powers(vehicle: Vehicle, model: Model, wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, " n"]:
+    """Electrical power of each thruster [W], when together they make a wrench, b at CO."""
     force = np.linalg.pinv(np.asarray(model.thrusters.configuration)) @ wrench
     ahead, astern = np.reshape(vehicle.specific_power(), (-1, 2)).T
     return np.where(force >= 0, ahead, astern) * np.abs(force) ** 1.5

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.survey.library import shapely_library
@@ -25,20 +26,20 @@ class Line:
     """A line without direction.
 
     Attributes:
-        ends: Between them the swath is needed, in n [m], shape (2, 2).
-        room: How far the vehicle can go beyond each end [m], at most the longest lead, shape (2,).
+        ends: Between them the swath is needed, in n [m].
+        room: How far the vehicle can go beyond each end [m], at most the longest lead.
     """
 
-    ends: np.ndarray
-    room: np.ndarray
+    ends: Float[np.ndarray, "2 2"]
+    room: Float[np.ndarray, "2"]
 
     @property
     def length(self) -> float:
         """Between the ends [m]."""
         return float(np.linalg.norm(self.ends[1] - self.ends[0]))
 
-    def flown(self, backwards: bool, lead_in: float, lead_out: float) -> np.ndarray:
-        """Where lead-in, line and lead-out begin, and where the lead-out ends, in order of flight [m], shape (4, 2)."""
+    def flown(self, backwards: bool, lead_in: float, lead_out: float) -> Float[np.ndarray, "4 2"]:
+        """Where lead-in, line and lead-out begin, and where the lead-out ends, in order of flight [m]."""
         ends, room = (self.ends[::-1], self.room[::-1]) if backwards else (self.ends, self.room)
         along = (ends[1] - ends[0]) / max(self.length, 1e-12)
         first, last = ends[0] - along * min(lead_in, room[0]), ends[1] + along * min(lead_out, room[1])
@@ -80,7 +81,7 @@ def lines_of(room: Room, heading: float, lead: float) -> Lines:
     return Lines(heading, spacing, [[lines[i] for i in cell] for cell in _cells(segments[:, :, 0], band)])
 
 
-def bands(low: float, high: float, swath: Swath) -> tuple[np.ndarray, np.ndarray]:
+def bands(low: float, high: float, swath: Swath) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " edges"]]:
     """Middles (n,) and edges (n + 1,) of as few bands as the spacing allows between two limits across [m]."""
     width = high - low - swath.width
     if width <= 1e-9:
@@ -91,8 +92,13 @@ def bands(low: float, high: float, swath: Swath) -> tuple[np.ndarray, np.ndarray
 
 
 def _segments(
-    target: Any, free: Any, middles: np.ndarray, edges: np.ndarray, lead: float, least: float
-) -> tuple[np.ndarray, np.ndarray]:
+    target: Any,
+    free: Any,
+    middles: Float[np.ndarray, " n"],
+    edges: Float[np.ndarray, " edges"],
+    lead: float,
+    least: float,
+) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
     """Ends (m, 2, 2) of the lines along and across [m], in order, and the band of each, shape (m,)."""
     shapely = shapely_library()
     west, _, east, _ = target.bounds
@@ -116,7 +122,7 @@ def _segments(
     return ends, band[which]
 
 
-def _joined(spans: np.ndarray, free: Any, across: float, gap: float) -> list[tuple[float, float]]:
+def _joined(spans: Float[np.ndarray, "m 2"], free: Any, across: float, gap: float) -> list[tuple[float, float]]:
     """Spans along (m, 2) with those joined that overlap, or that the vehicle may fly on between rather than stop."""
     shapely = shapely_library()
     out: list[tuple[float, float]] = []
@@ -131,7 +137,7 @@ def _joined(spans: np.ndarray, free: Any, across: float, gap: float) -> list[tup
     return out
 
 
-def _beyond(free: Any, segments: np.ndarray, lead: float) -> np.ndarray:
+def _beyond(free: Any, segments: Float[np.ndarray, "m 2 2"], lead: float) -> Float[np.ndarray, "m 2"]:
     """How far a vehicle can go on beyond both ends of segments (m, 2, 2), at most `lead` [m], shape (m, 2)."""
     shapely = shapely_library()
     out = segments + np.array([[-lead, 0.0], [lead, 0.0]])
@@ -141,7 +147,7 @@ def _beyond(free: Any, segments: np.ndarray, lead: float) -> np.ndarray:
     return np.where(np.isnan(away), lead, np.minimum(away, lead))
 
 
-def _cells(spans: np.ndarray, band: np.ndarray) -> list[list[int]]:
+def _cells(spans: Float[np.ndarray, "m 2"], band: Int[np.ndarray, " m"]) -> list[list[int]]:
     """Numbers of the lines in each cell; spans along (m, 2), bands (m,) in order."""
     overlap = np.minimum(spans[:, None, 1], spans[None, :, 1]) > np.maximum(spans[:, None, 0], spans[None, :, 0])
     follows = overlap & (band[None, :] == band[:, None] + 1)

@@ -5,18 +5,19 @@ counts are moved back by it; the others join them.
 """
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.survey.route import Path
 
 PARALLEL = 1e-3  # sine of the angle between two legs, below which they have no corner of their own [rad]
 
 
-def corners_of_co(path: Path, lever: np.ndarray) -> np.ndarray:
-    """Where CO has to be, shape (k, 2) [m], so that a place of the body follows the legs of a way that see.
+def corners_of_co(path: Path, lever: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
+    """Where CO has to be [m], so that a place of the body follows the legs of a way that see.
 
     Args:
         path: Of the place.
-        lever: Of the place, ahead and to the right of CO [m], shape (2,).
+        lever: Of the place, ahead and to the right of CO [m].
     """
     corners, sees = path.corners, _seeing(path)
     course = np.diff(corners, axis=0)
@@ -35,8 +36,8 @@ def corners_of_co(path: Path, lever: np.ndarray) -> np.ndarray:
     return found
 
 
-def _seeing(path: Path) -> np.ndarray:
-    """Whether a part of each leg between corners sees, shape (k - 1,), bool."""
+def _seeing(path: Path) -> Bool[np.ndarray, " legs"]:
+    """Whether a part of each leg between corners sees."""
     row, found = 0, []
     for corner in path.corners[1:]:
         begin = row

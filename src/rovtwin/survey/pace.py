@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.errors import ConfigError
@@ -79,12 +80,12 @@ class Pace:
         """Way to rest [m]."""
         return self.speed**2 / (2.0 * self.slowing)
 
-    def leg(self, length: np.ndarray) -> np.ndarray:
+    def leg(self, length: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Times of legs [s] of lengths [m], both of any shape."""
         ramps = self.speed**2 * (0.5 / self.speeding + 0.5 / self.slowing)
         return np.where(length >= ramps, length / self.speed + ramps / self.speed, _peak(length, ramps, self.speed))
 
-    def turn(self, angle: np.ndarray) -> np.ndarray:
+    def turn(self, angle: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
         """Times of turns [s] by angles [rad] of any sign and shape."""
         size, ramps = np.abs(angle), self.turning_rate**2 / self.turning
         if not np.isfinite(ramps):
@@ -92,8 +93,8 @@ class Pace:
         long = size / self.turning_rate + ramps / self.turning_rate
         return np.where(size >= ramps, long, _peak(size, ramps, self.turning_rate))
 
-    def times(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times of the legs between points (n, 2) [s], shape (n - 1,), and of the turns between them, shape (n - 2,).
+    def times(self, points: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, " legs"], Float[np.ndarray, " turns"]]:
+        """Times of the legs between points [s], and of the turns between them.
 
         The vehicle begins at the first point, turned to the second.
         """
@@ -103,7 +104,7 @@ class Pace:
         return self.leg(np.linalg.norm(legs, axis=1)), self.turn(angle)
 
 
-def _peak(length: np.ndarray, ramps: float, speed: float) -> np.ndarray:
+def _peak(length: Float[np.ndarray, "*axes"] | float, ramps: float, speed: float) -> Float[np.ndarray, "*axes"] | float:
     """Time of a leg too short for the full speed: up and down without a steady part."""
     return 2.0 * np.sqrt(np.maximum(length, 0.0) * ramps) / speed
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.survey.library import shapely_library
@@ -95,7 +96,7 @@ class SurveyPlan:
         return int(sum((line.room < lead - 1e-6).sum() for line in self.lines.all))
 
     @property
-    def _legs(self) -> np.ndarray:
+    def _legs(self) -> Float[np.ndarray, " legs"]:
         return np.linalg.norm(np.diff(self.path.points, axis=0), axis=1)
 
 
@@ -168,7 +169,7 @@ def plan_survey(
     return SurveyPlan(room, pace, best[1], best[2], _seen(room, best[1]))
 
 
-def headings_of(area: Any) -> np.ndarray:
+def headings_of(area: Any) -> Float[np.ndarray, " n"]:
     """Headings worth a try [rad], 0 to pi: all round in steps, and along the longest edges of outline and holes."""
     rings = [np.asarray(ring.coords) for part in area.geoms for ring in (part.exterior, *part.interiors)]
     legs = np.concatenate([np.diff(ring, axis=0) for ring in rings])

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.survey.lines import Line
 from rovtwin.survey.pace import Pace
@@ -27,12 +28,12 @@ class Path:
     """A way of straight legs.
 
     Attributes:
-        points: In n [m], shape (n, 2).
-        sees: Whether each leg is one that the survey counts on, shape (n - 1,), bool.
+        points: In n [m].
+        sees: Whether each leg is one that the survey counts on.
     """
 
-    points: np.ndarray
-    sees: np.ndarray
+    points: Float[np.ndarray, "n 2"]
+    sees: Bool[np.ndarray, " legs"]
 
     @classmethod
     def joined(cls, paths: Sequence["Path"], ways: "Network") -> "Path":
@@ -45,8 +46,8 @@ class Path:
         return cls(np.concatenate(points), np.concatenate(sees)).simple()
 
     @property
-    def corners(self) -> np.ndarray:
-        """Where the way bends, and its ends: the way-points, shape (k, 2) [m]. On a straight the vehicle flies on."""
+    def corners(self) -> Float[np.ndarray, "k 2"]:
+        """Where the way bends, and its ends: the way-points [m]. On a straight the vehicle flies on."""
         course = _course(self.points)
         bends = np.linalg.norm(np.diff(course, axis=0), axis=1) > STRAIGHT
         return self.points[np.r_[True, bends, True]]
@@ -60,7 +61,7 @@ class Path:
         return Path(points[np.r_[True, bends, True]], sees[np.r_[True, bends]])
 
 
-def _course(points: np.ndarray) -> np.ndarray:
+def _course(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "legs 2"]:
     legs = np.diff(points, axis=0)
     return legs / np.linalg.norm(legs, axis=1, keepdims=True)
 
@@ -73,13 +74,13 @@ class Network:
         self._near = Ways(room.free)
         self._wide = self._near if room.wider is room.free else Ways(room.wider)
 
-    def lengths(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Lengths of the shortest ways from points (m, 2) to points (n, 2) [m], shape (m, n)."""
+    def lengths(self, a: Float[np.ndarray, "m 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m n"]:
+        """Lengths of the shortest ways from points a to points b [m]."""
         near = self._near.lengths(a, b)
         return near if np.isfinite(near).all() else np.where(np.isfinite(near), near, self._wide.lengths(a, b))
 
-    def way(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Corners of the shortest way, both ends included, shape (k, 2)."""
+    def way(self, a: Float[np.ndarray, "2"], b: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
+        """Corners of the shortest way, both ends included."""
         way = self._near.way(a, b)
         way = self._wide.way(a, b) if way is None else way
         assert way is not None  # rooms have no part that cannot be reached
@@ -97,7 +98,7 @@ def cell_forms(cell: Sequence[Line], lead_in: float, lead_out: float, ways: Netw
     ]
 
 
-def lap_forms(ring: np.ndarray) -> list[Path]:
+def lap_forms(ring: Float[np.ndarray, "n 2"]) -> list[Path]:
     """The ways to fly a closed ring (n, 2): from each corner."""
     corners = ring[:-1]
     rings = [np.concatenate([np.roll(corners, -i, axis=0), corners[i : i + 1]]) for i in range(len(corners))]
@@ -137,7 +138,7 @@ def _best_forms(order: Sequence[int], cost: list[np.ndarray], links: list[list[n
     return float(totals[-1].min()), forms[::-1]
 
 
-def _nearest(start: int, away: np.ndarray) -> list[int]:
+def _nearest(start: int, away: Float[np.ndarray, "n n"]) -> list[int]:
     """Always on to the task that is nearest; `away` (n, n) between tasks."""
     order, left = [start], set(range(len(away))) - {start}
     while left:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
@@ -131,7 +132,7 @@ class Cost:
             return 0.0
         return min(sum(w * found[name] / self.scales[sea][name] for name, w in shares.items()) / total, FAILED)
 
-    def all_of(self, seas: Sequence[str], flights: Sequence[Mapping[str, Any]]) -> np.ndarray:
+    def all_of(self, seas: Sequence[str], flights: Sequence[Mapping[str, Any]]) -> Float[np.ndarray, " n"]:
         """Costs of flights, shape (n,)."""
         return np.array([self.of(sea, one) for sea, one in zip(seas, flights, strict=True)])
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import near, parse
@@ -148,15 +149,15 @@ class Space:
         return [one.name for one in self.tunables]
 
     @property
-    def start(self) -> np.ndarray:
-        """Coordinates of the section, shape (n,); a value of 0 begins at its lower bound."""
+    def start(self) -> Float[np.ndarray, " n"]:
+        """Coordinates of the section; a value of 0 begins at its lower bound."""
         return np.log([max(value_of(self.section, one.name), one.low) for one in self.tunables])
 
     @property
-    def bounds(self) -> np.ndarray:
-        """Least and largest coordinates, shape (n, 2)."""
+    def bounds(self) -> Float[np.ndarray, "n 2"]:
+        """Least and largest coordinates."""
         return np.log([[one.low, one.high] for one in self.tunables])
 
-    def at(self, x: np.ndarray) -> ModelBasedSection:
-        """The section at coordinates x, shape (n,)."""
+    def at(self, x: Float[np.ndarray, " n"]) -> ModelBasedSection:
+        """The section at coordinates x."""
         return with_values(self.section, dict(zip(self.names, np.exp(x).tolist(), strict=True)))

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
-from rovtwin.core.numerics import Array, jax
+from rovtwin.core.numerics import jax
+from rovtwin.core.types import PRNGKey
 from rovtwin.identification.diagnostics.stated import Stated, stated
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.world import in_water
@@ -71,16 +73,16 @@ def _of_spread(
     return perturbed(model, _key(rng), damping, rng.uniform(*mass), rng.uniform(*thrust))
 
 
-def _key(rng: np.random.Generator) -> Array:
+def _key(rng: np.random.Generator) -> PRNGKey:
     return jax.random.key(int(rng.integers(2**31)))
 
 
-def _of_posterior(found: Stated, root: np.ndarray, lift: float, rng: np.random.Generator) -> Model:
+def _of_posterior(found: Stated, root: Float[np.ndarray, "n n"], lift: float, rng: np.random.Generator) -> Model:
     drawn = found.model_at(root @ rng.standard_normal(root.shape[1]))
     return lifted(drawn, lift) if lift else drawn
 
 
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """A with A A' = covariance, shape (n, n); what rounding in the file made negative counts as zero."""
+def _root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """A with A A' = covariance; what rounding in the file made negative counts as zero."""
     spread, axes = np.linalg.eigh(covariance)
     return axes * np.sqrt(np.maximum(spread, 0.0))

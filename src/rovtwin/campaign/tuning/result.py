@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import stdtrit
 
 from rovtwin.campaign.tuning.cost import TERMS, Cost, terms_of
@@ -60,14 +61,14 @@ class Judged:
     Attributes:
         seas: Of each flight.
         before, after: Scores of the hand-tuned and of the tuned autopilot.
-        cost_before, cost_after: Costs, shape (n,).
+        cost_before, cost_after: Costs.
     """
 
     seas: list[str]
     before: list[Figures]
     after: list[Figures]
-    cost_before: np.ndarray
-    cost_after: np.ndarray
+    cost_before: Float[np.ndarray, " n"]
+    cost_after: Float[np.ndarray, " n"]
 
     @property
     def change(self) -> tuple[float, float, float]:
@@ -208,7 +209,7 @@ class Tuned(Stored):
         return start_of(self.request.scenario)
 
 
-def paired(differences: np.ndarray) -> tuple[float, float, float]:
+def paired(differences: Float[np.ndarray, " n"]) -> tuple[float, float, float]:
     """Mean of paired differences (n,) and its 95 % interval by Student's t; infinite with a single pair."""
     n, mean = len(differences), float(np.mean(differences))
     if n < 2:

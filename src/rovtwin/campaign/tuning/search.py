@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 
@@ -20,22 +21,22 @@ class Search:
     """What was tried.
 
     Attributes:
-        points: In order, shape (n, d) as a list.
+        points: In order.
         costs: Of each.
         generations: Number of the generation of each.
-        mean: Middle of the last generation, shape (d,).
+        mean: Middle of the last generation.
         ended: Why it ended.
     """
 
     points: list[np.ndarray] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
     generations: list[int] = field(default_factory=list)
-    mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    mean: Float[np.ndarray, " d"] = field(default_factory=lambda: np.zeros(0))
     ended: str = ""
 
     @property
-    def best(self) -> np.ndarray:
-        """The cheapest point, shape (d,)."""
+    def best(self) -> Float[np.ndarray, " d"]:
+        """The cheapest point."""
         return self.points[int(np.argmin(self.costs))]
 
 
@@ -46,8 +47,8 @@ def population(dimensions: int) -> int:
 
 def search(
     cost: Callable[[list[np.ndarray]], list[float]],
-    start: np.ndarray,
-    bounds: np.ndarray,
+    start: Float[np.ndarray, " d"],
+    bounds: Float[np.ndarray, "d 2"],
     *,
     seed: int,
     evaluations: int,
@@ -57,9 +58,9 @@ def search(
     """Minimise a cost over a box.
 
     Args:
-        cost: Of a generation's points, each of shape (d,).
-        start: Middle of the first generation, shape (d,).
-        bounds: Least and largest, shape (d, 2).
+        cost: Of a generation's points.
+        start: Middle of the first generation.
+        bounds: Least and largest.
         seed: Of its random numbers: the same seed and costs give the same points.
         evaluations: Most points to be tried, in whole generations; the first is tried in any case.
         out_of_time: Told how many points come next; True ends the search.

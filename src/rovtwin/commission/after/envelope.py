@@ -11,6 +11,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.campaign.tuning.plants import Plants, plants_of
 from rovtwin.commission.after.issued import Issued
@@ -113,13 +114,13 @@ def flown_again(issued: Issued, run: WatchedRun, progress: Callable[[float], Non
     return Envelope(found.cells, certified, unchanged, after, issued.versions)
 
 
-def learnt(run: WatchedRun) -> np.ndarray:
-    """theta of what the dive has learnt, 0 for the rest, shape (p,)."""
+def learnt(run: WatchedRun) -> Float[np.ndarray, " p"]:
+    """theta of what the dive has learnt, 0 for the rest."""
     std, before = np.sqrt(np.diag(run.found.covariance)), np.sqrt(np.diag(run.factors.covariance))
     return np.where(std < LEARNT * before, run.found.theta, 0.0)
 
 
-def as_found(model: Model, theta: np.ndarray, lost: Sequence[Lost], thrusters: Sequence[str]) -> Model:
+def as_found(model: Model, theta: Float[np.ndarray, " p"], lost: Sequence[Lost], thrusters: Sequence[str]) -> Model:
     """A vehicle with these factors, and without the force of the thrusters that were lost."""
     left = np.array([next((one.left for one in lost if one.name == name), 1.0) for name in thrusters])
     new = changed(model, as_array(theta))

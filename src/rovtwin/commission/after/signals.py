@@ -9,6 +9,7 @@ square of 1 where its model of a sensor is right.
 from collections.abc import Collection, Iterator
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.bench import Readings
 from rovtwin.commission.stage import Check
@@ -72,8 +73,8 @@ def _sensor(name: str, now: Readings, then: Readings) -> Check:
     return Check("ok", name, f"{rates}; {ages}; noise {ratios[i]:.2f} times")
 
 
-def noise_of(kind: str, readings: Readings) -> np.ndarray:
-    """Standard deviation of white noise, shape (k,): of each reading beside the line through its two neighbours.
+def noise_of(kind: str, readings: Readings) -> Float[np.ndarray, " k"]:
+    """Standard deviation of white noise: of each reading beside the line through its two neighbours.
 
     The median over blocks, so that what is not straight for a moment does not count. NaN of fewer than LEAST readings.
     """
@@ -91,8 +92,8 @@ def noise_of(kind: str, readings: Readings) -> np.ndarray:
     return np.asarray(np.sqrt(np.median([block.mean(axis=0) for block in blocks], axis=0)))
 
 
-def _resolution(now: Readings, then: Readings) -> np.ndarray:
-    """Smallest step between neighbouring readings of both flights, shape (k,); 0 where there is none."""
+def _resolution(now: Readings, then: Readings) -> Float[np.ndarray, " k"]:
+    """Smallest step between neighbouring readings of both flights; 0 where there is none."""
     steps = np.abs(np.concatenate([np.diff(one.value, axis=0) for one in (now, then)]))
     smallest = np.min(np.where(steps > 0.0, steps, np.inf), axis=0)
     return np.where(np.isfinite(smallest), smallest, 0.0)

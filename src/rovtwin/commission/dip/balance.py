@@ -14,6 +14,7 @@ About a level axis, with the inertia of the file, the coefficient of the tilt is
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.commission.stage import Check
 from rovtwin.core.numerics import as_array, jax
@@ -50,8 +51,8 @@ def balance(vehicle: Vehicle, record: Record, floor: float = np.inf) -> Iterator
     yield from _righting(model, motion, force, free)
 
 
-def _free(model: Model, motion: Motion, floor: float) -> np.ndarray:
-    """When the hull is in the water and off the floor, shape (m,), bool."""
+def _free(model: Model, motion: Motion, floor: float) -> Bool[np.ndarray, " m"]:
+    """When the hull is in the water and off the floor."""
     depth = motion.values("depth")
     if depth is None:
         return np.ones(len(motion.t), dtype=bool)
@@ -59,7 +60,9 @@ def _free(model: Model, motion: Motion, floor: float) -> np.ndarray:
     return (depth[0][:, 0] + corners.min() > CLEAR) & (depth[0][:, 0] + corners.max() < floor - CLEAR)
 
 
-def _buoyancy(model: Model, motion: Motion, force: np.ndarray, free: np.ndarray) -> Iterator[Check]:
+def _buoyancy(
+    model: Model, motion: Motion, force: Float[np.ndarray, "m 6"], free: Bool[np.ndarray, " m"]
+) -> Iterator[Check]:
     depth, R = motion.values("depth"), motion.rotation
     if depth is None or R is None:
         return
@@ -85,7 +88,7 @@ def _buoyancy(model: Model, motion: Motion, force: np.ndarray, free: np.ndarray)
         yield Check("stop" if off > max(SINKS * weight, SURE * std) else "warning", "buoyancy", f"{text}.", LOOK)
 
 
-def _trim(vehicle: Vehicle, motion: Motion, free: np.ndarray) -> Iterator[Check]:
+def _trim(vehicle: Vehicle, motion: Motion, free: Bool[np.ndarray, " m"]) -> Iterator[Check]:
     R = motion.rotation
     if R is None or not free.any():
         return
@@ -102,7 +105,9 @@ def _trim(vehicle: Vehicle, motion: Motion, free: np.ndarray) -> Iterator[Check]
         yield Check("stop" if off > TILTED else "warning", "trim", f"{text} by the file.", LOOK)
 
 
-def _righting(model: Model, motion: Motion, force: np.ndarray, free: np.ndarray) -> Iterator[Check]:
+def _righting(
+    model: Model, motion: Motion, force: Float[np.ndarray, "m 6"], free: Bool[np.ndarray, " m"]
+) -> Iterator[Check]:
     gyro, R = motion.values("gyro"), motion.rotation
     if gyro is None or R is None:
         return
@@ -124,7 +129,9 @@ def _righting(model: Model, motion: Motion, force: np.ndarray, free: np.ndarray)
             yield Check("warning", f"righting in {name}", f"{text}.", LOOK)
 
 
-def _regression(y: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+def _regression(
+    y: Float[np.ndarray, " m"], columns: list[Float[np.ndarray, " m"]]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
     """Coefficients and their standard deviations; None where readings are too few. Neighbours are not independent."""
     X = np.stack(columns, axis=1)
     good = np.isfinite(y) & np.isfinite(X).all(axis=1)

@@ -7,6 +7,7 @@ forgets with MEMORY, and so do the rates of what the sensor says.
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 from scipy.signal import lfilter
 
 from rovtwin.commission.dip.response import MEMORY, accelerations
@@ -32,7 +33,7 @@ def compared(record: Record) -> Iterator[Check]:
     yield from _velocity(motion, np.nan_to_num(a))
 
 
-def _leaky(rate: np.ndarray) -> np.ndarray:
+def _leaky(rate: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
     """What rates add up to, forgetting with MEMORY, without errors that stay and without the start."""
     keep = np.exp(-STEP / MEMORY)
     rate = np.nan_to_num(rate)
@@ -40,7 +41,7 @@ def _leaky(rate: np.ndarray) -> np.ndarray:
     return np.asarray(way - way.mean(axis=0))
 
 
-def _depth(motion: Motion, down: np.ndarray) -> Iterator[Check]:
+def _depth(motion: Motion, down: Float[np.ndarray, " m"]) -> Iterator[Check]:
     depth = motion.values("depth")
     if depth is None:
         return
@@ -65,7 +66,7 @@ def _depth(motion: Motion, down: np.ndarray) -> Iterator[Check]:
         yield Check("ok", "pressure", f"depth changes {scale:.2f} times as the accelerometer says")
 
 
-def _velocity(motion: Motion, a: np.ndarray) -> Iterator[Check]:
+def _velocity(motion: Motion, a: Float[np.ndarray, "m 3"]) -> Iterator[Check]:
     velocity = motion.values("velocity")
     if velocity is None:
         return

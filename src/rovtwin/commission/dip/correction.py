@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.dip.diagnosis import Verdict
 from rovtwin.core.user_files.files import write_text
@@ -45,11 +46,11 @@ def corrected(vehicle: Vehicle, found: Sequence[Verdict], path: Path) -> bool:
     return False
 
 
-def _columns(vehicle: Vehicle) -> np.ndarray:
+def _columns(vehicle: Vehicle) -> Float[np.ndarray, "6 n"]:
     return np.asarray(vehicle.model().thrusters.configuration)
 
 
-def _intended(vehicle: Vehicle, found: Sequence[Verdict]) -> np.ndarray:
+def _intended(vehicle: Vehicle, found: Sequence[Verdict]) -> Float[np.ndarray, "6 n"]:
     """Columns of the thrusters as they were found: names in one part may mean other places in another."""
     T = _columns(vehicle).copy()
     before, names = T.copy(), list(vehicle.thruster_names)

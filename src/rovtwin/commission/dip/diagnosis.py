@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.commission.dip.response import LAGS, Columns, columns
 from rovtwin.identification.logs.motion import Motion
@@ -107,7 +108,13 @@ def diagnose(model: Model, record: Record, names: list[str], floor: float = np.i
 
 
 def _refitted(
-    model: Model, record: Record, found: Columns, sensor: str, order: np.ndarray, rows: slice, floor: float
+    model: Model,
+    record: Record,
+    found: Columns,
+    sensor: str,
+    order: Float[np.ndarray, "3 3"],
+    rows: slice,
+    floor: float,
 ) -> float:
     """How alike columns are if a sensor's axes are put in this order; gravity is taken off anew where it counts."""
     if sensor == "accelerometer":
@@ -117,7 +124,7 @@ def _refitted(
     return _likeness(measured, found.expected[rows], _pushed(found)[rows])
 
 
-def _agrees_better(record: Record, order: np.ndarray) -> bool:
+def _agrees_better(record: Record, order: Float[np.ndarray, "3 3"]) -> bool:
     """Whether the gyro agrees better with the rate of the attitude if its axes are put in this order."""
     motion = Motion.of(record)
     gyro, rate = motion.values("gyro"), motion.rate_of_attitude
@@ -128,7 +135,7 @@ def _agrees_better(record: Record, order: np.ndarray) -> bool:
     return bool(((a @ order.T) * b).sum() > (a * b).sum() + BETTER * np.sqrt((a**2).sum() * (b**2).sum()))
 
 
-def _mixed_up(expected: np.ndarray) -> Iterator[np.ndarray]:
+def _mixed_up(expected: Float[np.ndarray, "r n"]) -> Iterator[Float[np.ndarray, "r n"]]:
     """Expected columns with one thruster reversed or two swapped: what may look like a mistake of axes and is none."""
     count = expected.shape[1]
     for i in range(count):
@@ -139,32 +146,34 @@ def _mixed_up(expected: np.ndarray) -> Iterator[np.ndarray]:
             yield expected[:, order]
 
 
-def _turned(record: Record, sensor: str, order: np.ndarray) -> Record:
+def _turned(record: Record, sensor: str, order: Float[np.ndarray, "3 3"]) -> Record:
     signal = record.signals[sensor]
     return replace(record, signals=record.signals | {sensor: replace(signal, value=signal.value @ order.T)})
 
 
-def _pushed(found: Columns) -> np.ndarray:
-    """Axes that thrusters push by more than by the way, shape (6,), bool, linear and angular apart."""
+def _pushed(found: Columns) -> Bool[np.ndarray, "6"]:
+    """Axes that thrusters push by more than by the way, linear and angular apart."""
     largest = np.abs(found.expected).max(axis=1)
     most = np.repeat([largest[:3].max(), largest[3:].max()], 3)
     return largest > PUSHED * np.maximum(most, 1e-12)
 
 
-def _judged(found: Columns) -> np.ndarray:
-    """Axes that thrusters push and sensors tell well enough to judge columns by them, shape (6,), bool."""
+def _judged(found: Columns) -> Bool[np.ndarray, "6"]:
+    """Axes that thrusters push and sensors tell well enough to judge columns by them."""
     unsure = np.median(found.std, axis=1) / np.maximum(np.abs(found.expected).max(axis=1), 1e-12)
     return _pushed(found) & np.isfinite(found.measured).all(axis=1) & (unsure < UNSURE)
 
 
-def _likeness(measured: np.ndarray, expected: np.ndarray, counts: np.ndarray) -> float:
+def _likeness(
+    measured: Float[np.ndarray, "r n"], expected: Float[np.ndarray, "r n"], counts: Bool[np.ndarray, " n"]
+) -> float:
     """How alike rows are whatever the scale of each, 1 if they are: the least cosine of those that count."""
     norm = np.linalg.norm(measured, axis=1) * np.linalg.norm(expected, axis=1)
     cosine = np.einsum("an,an->a", measured, expected) / np.maximum(norm, 1e-12)
     return float(np.min(cosine[counts])) if counts.any() else 1.0
 
 
-def _orders() -> Iterator[tuple[str, np.ndarray]]:
+def _orders() -> Iterator[tuple[str, Float[np.ndarray, "3 3"]]]:
     """Signed permutations of three axes but the identity, the simplest first; each puts right what its words say."""
     for signs in sorted(itertools.product((1.0, -1.0), repeat=3), key=lambda s: -sum(s))[1:]:
         wrong = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0]
@@ -191,22 +200,22 @@ class _Compared:
     """Measured and expected columns, each axis over its largest expected answer, the measured over its factor too.
 
     Attributes:
-        b: Measured, shape (a, n).
-        B: Expected, shape (a, n).
-        cosine: Of each measured column, row, to each expected one, column, shape (n, n).
-        length: Of each measured column over the expected, as a share of the others', shape (n,).
-        gain: The part of it along the expected, as a share of the others', shape (n,).
-        unsure: One standard deviation of the length, shape (n,).
-        turned: From a direction of a thruster's force to its column here, by thruster, shape (n, a, 3).
+        b: Measured.
+        B: Expected.
+        cosine: Of each measured column, row, to each expected one, column.
+        length: Of each measured column over the expected, as a share of the others'.
+        gain: The part of it along the expected, as a share of the others'.
+        unsure: One standard deviation of the length.
+        turned: From a direction of a thruster's force to its column here, by thruster.
     """
 
-    b: np.ndarray
-    B: np.ndarray
-    cosine: np.ndarray
-    length: np.ndarray
-    gain: np.ndarray
-    unsure: np.ndarray
-    turned: np.ndarray
+    b: Float[np.ndarray, "a n"]
+    B: Float[np.ndarray, "a n"]
+    cosine: Float[np.ndarray, "n n"]
+    length: Float[np.ndarray, " n"]
+    gain: Float[np.ndarray, " n"]
+    unsure: Float[np.ndarray, " n"]
+    turned: Float[np.ndarray, "n a 3"]
 
     @classmethod
     def of(cls, found: Columns) -> "_Compared":
@@ -256,7 +265,7 @@ class _Compared:
         return float(north), float(east), float(down)
 
 
-def _wrench_of(column: np.ndarray) -> np.ndarray:
+def _wrench_of(column: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 3"]:
     """From a direction of force to its wrench, at the place nearest to CO on the line of a unit wrench, (6, 3)."""
     force = column[:3] / max(float(np.linalg.norm(column[:3])), 1e-12)
     x, y, z = np.cross(force, column[3:])
@@ -264,8 +273,8 @@ def _wrench_of(column: np.ndarray) -> np.ndarray:
     return np.concatenate([np.eye(3), lever])
 
 
-def _factors(b: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """By how much each axis answers more than the file says, shape (a,): of the thrusters that push it, the upper ones.
+def _factors(b: Float[np.ndarray, "a n"], B: Float[np.ndarray, "a n"]) -> Float[np.ndarray, " a"]:
+    """By how much each axis answers more than the file says: of the thrusters that push it, the upper ones.
 
     Sizes alone count, so that one that pushes the wrong way counts, too; the upper ones, so that a dead one does not.
     """

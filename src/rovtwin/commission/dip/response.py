@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.signal import lfilter
 
 from rovtwin.core.errors import IdentificationError
@@ -33,24 +34,24 @@ class Columns:
     """Acceleration of CO per newton of each thruster [1/kg, 1/(kg m)].
 
     Attributes:
-        measured: Shape (6, n); NaN on axes that no sensor tells.
-        std: Of it, shape (6, n).
-        inverse: M^-1 of the file, shape (6, 6).
-        configuration: T of the file, shape (6, n).
-        explained: Share of each axis' acceleration that thrusters explain, shape (6,).
+        measured: As found; NaN on axes that no sensor tells.
+        std: Of it.
+        inverse: M^-1 of the file.
+        configuration: T of the file.
+        explained: Share of each axis' acceleration that thrusters explain.
         lag: At which the answer fits best, beyond that of the thrusters [s].
     """
 
-    measured: np.ndarray
-    std: np.ndarray
-    inverse: np.ndarray
-    configuration: np.ndarray
-    explained: np.ndarray
+    measured: Float[np.ndarray, "6 n"]
+    std: Float[np.ndarray, "6 n"]
+    inverse: Float[np.ndarray, "6 6"]
+    configuration: Float[np.ndarray, "6 n"]
+    explained: Float[np.ndarray, "6"]
     lag: float
 
     @property
-    def expected(self) -> np.ndarray:
-        """As the file says, M^-1 T, shape (6, n)."""
+    def expected(self) -> Float[np.ndarray, "6 n"]:
+        """As the file says, M^-1 T."""
         return self.inverse @ self.configuration
 
 
@@ -87,8 +88,8 @@ def columns(model: Model, record: Record, floor: float = np.inf, lags: Sequence[
     return Columns(measured, errors, inverse, T, shares, float(lags[best]))
 
 
-def accelerations(motion: Motion) -> np.ndarray:
-    """Accelerations of CO on the grid, b, shape (m, 6); NaN where no sensor tells."""
+def accelerations(motion: Motion) -> Float[np.ndarray, "m 6"]:
+    """Accelerations of CO on the grid, b; NaN where no sensor tells."""
     found = np.full((len(motion.t), 6), np.nan)
     gyro, force, R = motion.values("gyro"), motion.values("accelerometer"), motion.rotation
     if gyro is None:
@@ -103,39 +104,41 @@ def accelerations(motion: Motion) -> np.ndarray:
     return found
 
 
-def _afloat(model: Model, motion: Motion, floor: float) -> np.ndarray:
-    """When the hull is clear of the floor, shape (m,), bool; always where nobody measures depth."""
+def _afloat(model: Model, motion: Motion, floor: float) -> Bool[np.ndarray, " m"]:
+    """When the hull is clear of the floor; always where nobody measures depth."""
     depth = motion.values("depth")
     lowest = float(np.asarray(model.hull.corners)[:, 2].max())
     return np.ones(len(motion.t), dtype=bool) if depth is None else ~(depth[0][:, 0] + lowest > floor - CLEAR)
 
 
-def speeds(motion: Motion, y: np.ndarray) -> np.ndarray:
-    """Of CO on the grid, b, shape (m, 6): body rates, and what accelerations y, (m, 6), add up to of late."""
+def speeds(motion: Motion, y: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 6"]:
+    """Of CO on the grid, b: body rates, and what accelerations y add up to of late."""
     keep = np.exp(-STEP / MEMORY)
     way = np.asarray(lfilter([STEP], [1.0, -keep], np.nan_to_num(y[:, :3]), axis=0))
     return np.concatenate([way, np.full_like(way, np.nan) if motion.omega is None else motion.omega], axis=1)
 
 
-def _others(motion: Motion, y: np.ndarray) -> np.ndarray:
+def _others(motion: Motion, y: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m k"]:
     """What else accelerates: see `nuisances`; and speed as far as accelerations add up to it."""
     way = speeds(motion, y)[:, :3]
     return np.concatenate([nuisances(motion), way, way * np.abs(way)], axis=1)
 
 
-def _orthonormal(others: np.ndarray) -> np.ndarray:
+def _orthonormal(others: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
     """A basis of columns, of which some may be the same or zero."""
     scaled = others / (np.abs(others).max(axis=0) + 1e-12)
     return np.linalg.qr(scaled + 1e-9 * np.random.default_rng(0).normal(size=scaled.shape))[0]
 
 
-def _fit(y: np.ndarray, Q: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _fit(
+    y: Float[np.ndarray, "m a"], Q: Float[np.ndarray, "m k"], force: Float[np.ndarray, "m n"]
+) -> tuple[Float[np.ndarray, "a n"], Float[np.ndarray, "a n"], Float[np.ndarray, " a"], float]:
     """Slopes (a, n), their standard deviations, the share of each axis explained (a,), and the share left in all.
 
     Args:
-        y: Accelerations, what else accelerates taken out, shape (m, a).
+        y: Accelerations, what else accelerates taken out.
         Q: Orthonormal, of what else accelerates.
-        force: Of each thruster, shape (m, n).
+        force: Of each thruster.
     """
     F = force - Q @ (Q.T @ force)
     gram = F.T @ F

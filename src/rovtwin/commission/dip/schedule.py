@@ -5,10 +5,12 @@ so hard and short pushes are best where room or tilt is the limit, long ones whe
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import PerThruster, Vector3
 from rovtwin.live.pulses import Pulse
 from rovtwin.vehicle.physics.dynamics import State, rollout
 from rovtwin.vehicle.physics.model import Model
@@ -22,10 +24,10 @@ _STEP = 0.05  # of the foreseen motion [s]
 
 
 @jax.jit
-def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
-    """Largest way [m], turn and tilt [rad] from rest, shape (3,), and the first force of each thruster [N], (n,)."""
+def _foreseen(model: Model, commands: Float[Array, "steps n"]) -> tuple[Vector3, PerThruster]:
+    """Largest way [m], turn and tilt [rad] from rest, and the first force of each thruster [N]."""
     zero = State(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.zeros(6), jnp.zeros(commands.shape[1]))
-    states = rollout(model, zero, Command(commands), Environment.calm(), _STEP)
+    states = rollout(model, zero, jax.vmap(Command)(commands), Environment.calm(), _STEP)
     R = jax.vmap(rotation_from_quaternion)(states.attitude)
     way = jnp.linalg.norm(states.position, axis=1).max()
     turn = jnp.abs(jnp.cumsum(states.nu[:, 5]) * _STEP).max()  # of several turns all count
@@ -33,14 +35,14 @@ def _foreseen(model: Model, commands: Array) -> tuple[Array, Array]:
     return jnp.stack([way, turn, tilt]), jnp.abs(static_force(model.thrusters, commands[0]))
 
 
-def foreseen(model: Model, u: np.ndarray, seconds: float, turn: float = TURN) -> bool:
-    """Whether a command, shape (n,), that lasts so long [s] keeps within way, turn [rad] and tilt, by the model."""
+def foreseen(model: Model, u: Float[np.ndarray, " n"], seconds: float, turn: float = TURN) -> bool:
+    """Whether a command that lasts so long [s] keeps within way, turn [rad] and tilt, by the model."""
     moved, _ = _foreseen(model, as_array(np.tile(u, (max(1, round(seconds / _STEP)), 1))))
     return bool(np.all(np.asarray(moved) <= [AWAY, turn, TILT]))
 
 
-def pushes(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Command, 0 to 1, and length [s] of each thruster's push, shapes (n,): see the module; else the gentlest."""
+def pushes(model: Model) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Command, 0 to 1, and length [s] of each thruster's push: see the module; else the gentlest."""
     count = model.thrusters.count
     size, length, information = np.full(count, SIZES[0]), np.full(count, LENGTHS[0]), np.zeros(count)
     for i in range(count):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.drill.exercises import CUT, REST, Push
 from rovtwin.commission.work import Work
@@ -80,7 +81,7 @@ def look_again(work: Work, scenario: Scenario, pulsed: Pulsed, push: Push, cut_a
     return Again(time.monotonic() - cut_at, float(speed), float(abs(after.mean() - rest.mean())), bool(felt))
 
 
-def _rates(path: Path, axis: int, start: float, end: float) -> np.ndarray:
+def _rates(path: Path, axis: int, start: float, end: float) -> Float[np.ndarray, " n"]:
     """Rates of turn about an axis between two times of a log [rad/s]."""
     log = Log.read(path)
     gyro = log["sensor/gyro"] if "sensor/gyro" in log else None

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.dip.schedule import foreseen
 from rovtwin.commission.work import Work
@@ -67,11 +68,11 @@ class Push:
 
     Attributes:
         axis: Of AXES, the direction that is pushed most.
-        u: Command, shape (n,).
+        u: Command.
     """
 
     axis: str
-    u: np.ndarray
+    u: Float[np.ndarray, " n"]
 
 
 def push_of(model: Model, exercise: Exercise, later: float = 0.0) -> Push | None:

@@ -13,6 +13,7 @@ Moolgavkar 1988, Applied Statistics 37(1)). k is free: neither mass nor thrust o
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.dip.response import accelerations, speeds
 from rovtwin.core.errors import IdentificationError
@@ -42,7 +43,14 @@ class OffTime:
 
 
 def off_time(
-    model: Model, record: Record, axis: int, u: np.ndarray, began: float, event: float, end: float, lag: float = 0.0
+    model: Model,
+    record: Record,
+    axis: int,
+    u: Float[np.ndarray, " n"],
+    began: float,
+    event: float,
+    end: float,
+    lag: float = 0.0,
 ) -> OffTime | None:
     """When the push ended; None where the sensors do not feel it at all.
 
@@ -50,7 +58,7 @@ def off_time(
         model: Of the vehicle as its file has it.
         record: Of the push.
         axis: That it pushes most, 0 to 5.
-        u: Command of the push, shape (n,).
+        u: Command of the push.
         began: When the push began [s].
         event: When it was ended, as far as is known here [s].
         end: Up to when readings count [s].
@@ -81,15 +89,15 @@ def off_time(
     return OffTime(float(ends[np.argmin(left)]), float(likely[0]), float(likely[-1]), lasted)
 
 
-def _push(model: Model, motion: Motion, u: np.ndarray, on: float, off: float) -> np.ndarray:
-    """Size of a push between two times on the grid, shape (m,)."""
+def _push(model: Model, motion: Motion, u: np.ndarray, on: float, off: float) -> Float[np.ndarray, " m"]:
+    """Size of a push between two times on the grid."""
     record = motion.record
     times, commands = np.array([record.start, on, off]), np.stack([0.0 * u, u, 0.0 * u])
     force = thruster_forces(model, Motion(replace(record, t_command=times, command=commands), motion.t, motion.width))
     return np.asarray(np.abs(force).sum(axis=1))
 
 
-def _left(y: np.ndarray, Q: np.ndarray, f: np.ndarray) -> float:
+def _left(y: Float[np.ndarray, "k a"], Q: Float[np.ndarray, "k b"], f: Float[np.ndarray, "k _"]) -> float:
     """Sum of squares of y that Q and f leave."""
     y, f = y - Q @ (Q.T @ y), f - Q @ (Q.T @ f)
     size = f @ f

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.evidence.forces import COVERAGE, Quantity
 from rovtwin.core.frames import rotation_from_quaternion
@@ -44,7 +45,11 @@ def budget(result: Any, quantities: Sequence[Quantity], anchors: Sequence[Any] =
 
 
 def _budget(
-    one: Quantity, result: Any, C: np.ndarray, evidence: list[tuple[str, str, np.ndarray]], places: np.ndarray
+    one: Quantity,
+    result: Any,
+    C: Float[np.ndarray, "n n"],
+    evidence: list[tuple[str, str, Float[np.ndarray, "n n"]]],
+    places: Float[np.ndarray, "n k"],
 ) -> dict[str, Any]:
     by_all = C @ one.slope
     rows = [(name, kind, float(by_all @ A @ by_all)) for name, kind, A in evidence]
@@ -81,7 +86,9 @@ def _name(one: Quantity) -> str:
     return f"damping in {one.axis} at {one.at:+.3g} {'m/s' if one.unit == 'N' else 'rad/s'}"
 
 
-def _evidence(result: Any, pulled: bool) -> tuple[np.ndarray, list[tuple[str, str, np.ndarray]]]:
+def _evidence(
+    result: Any, pulled: bool
+) -> tuple[Float[np.ndarray, "n n"], list[tuple[str, str, Float[np.ndarray, "n n"]]]]:
     """C_0 and the information of each kind of evidence: name, type, matrix of shape (n, n)."""
     solution, problem = result.solution, result.problem
     before = problem.information
@@ -104,14 +111,14 @@ def _density(result: Any) -> tuple[float, str]:
     return std / density, words
 
 
-def _place_response(result: Any) -> np.ndarray:
+def _place_response(result: Any) -> Float[np.ndarray, "n k"]:
     """Change of theta by PLACE along each axis of b for each sensor that tells places, shape (n, 3 times sensors)."""
     problem, solution = result.problem, result.solution
     segments, unknowns, n = problem.segments, solution.unknowns, len(result.theta)
     path = problem.shooting.trajectories(as_array(unknowns.theta), unknowns.nodes, segments.arrays)
     attitude = np.asarray(path.attitude)
 
-    def step(arrays: dict[str, Any]) -> np.ndarray:
+    def step(arrays: dict[str, Any]) -> Float[np.ndarray, " n"]:
         blocks = problem.blocks(unknowns, solution.noise, replace(segments, arrays=arrays))
         return problem.assembled(blocks, unknowns, solution.noise).factor().border()[:n]
 

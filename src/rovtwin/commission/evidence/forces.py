@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import Scalar
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.physics.actuation import wrench_limits
 from rovtwin.vehicle.physics.dynamics import damping_wrench
@@ -30,24 +32,24 @@ class Quantity:
         what: damping or thrust.
         at: Speed [m/s, rad/s], or command.
         value: [N, N m].
-        slope: Derivatives by theta, shape (n,).
+        slope: Derivatives by theta.
     """
 
     axis: str
     what: str
     at: float
     value: float
-    slope: np.ndarray
+    slope: Float[np.ndarray, " n"]
 
     @property
     def unit(self) -> str:
         return "N" if AXES.index(self.axis) < 3 else "N m"
 
-    def std(self, covariance: np.ndarray) -> float:
-        """[N, N m], from the covariance of theta, shape (n, n)."""
+    def std(self, covariance: Float[np.ndarray, "n n"]) -> float:
+        """[N, N m], from the covariance of theta."""
         return float(np.sqrt(max(self.slope @ covariance @ self.slope, 0.0)))
 
-    def share(self, covariance: np.ndarray) -> float:
+    def share(self, covariance: Float[np.ndarray, "n n"]) -> float:
         """Half-width of the interval of coverage factor 2, over the value."""
         return COVERAGE * self.std(covariance) / max(abs(self.value), 1e-12)
 
@@ -61,7 +63,7 @@ def damping_forces(result: Any, axes: Sequence[str] = TASK) -> list[Quantity]:
     """
     ends = [(axis, speed) for axis in axes for speed in _ends(result.tested.get(axis, (0.0, 0.0)))]
 
-    def force(model: Model, axis: int, speed: float) -> Array:
+    def force(model: Model, axis: int, speed: float) -> Scalar:
         return damping_wrench(model, jnp.zeros(6).at[axis].set(speed))[axis]
 
     return _evaluated(result, "damping", ends, force)
@@ -73,7 +75,7 @@ def thrust_forces(result: Any, axes: Sequence[str] = TASK) -> list[Quantity]:
     able = np.asarray(wrench_limits(result.model().thrusters)[1]) > 0.0
     fully = [(axis, 1.0) for axis in axes if able[AXES.index(axis)]]
 
-    def force(model: Model, axis: int, command: float) -> Array:
+    def force(model: Model, axis: int, command: float) -> Scalar:
         row = T[axis]
         u = command * np.sign(np.where(np.abs(row) > 0.05 * np.abs(row).max(), row, 0.0))
         return (model.thrusters.configuration @ static_force(model.thrusters, jnp.asarray(u)))[axis]
@@ -81,7 +83,7 @@ def thrust_forces(result: Any, axes: Sequence[str] = TASK) -> list[Quantity]:
     return _evaluated(result, "thrust", fully, force)
 
 
-def up_to_scale(result: Any) -> np.ndarray:
+def up_to_scale(result: Any) -> Float[np.ndarray, "n n"]:
     """Covariance of theta if the common scale of all forces were known, shape (n, n).
 
     No motion tells that scale: more minutes of tests make nothing of it smaller, a pull on a scale does.
@@ -108,12 +110,12 @@ def _ends(tested: Sequence[float]) -> Iterator[float]:
 
 
 def _evaluated(
-    result: Any, what: str, places: Sequence[tuple[str, float]], force: Callable[[Model, int, float], Array]
+    result: Any, what: str, places: Sequence[tuple[str, float]], force: Callable[[Model, int, float], Scalar]
 ) -> list[Quantity]:
     if not places:
         return []
 
-    def forces(theta: Array) -> Array:
+    def forces(theta: Float[Array, " n"]) -> Float[Array, " places"]:
         model = result.parameters.model_at(theta)[0]
         return jnp.stack([force(model, AXES.index(axis), at) for axis, at in places])
 

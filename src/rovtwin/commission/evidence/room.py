@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.work import Work
 from rovtwin.live.connect import on_this_machine
@@ -55,8 +56,8 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})
 
 
-def fence(model: Model, flown: Rehearsed, tank: Tank) -> tuple[np.ndarray, float]:
-    """How far CO may be from the tank's middle to north and east [m], shape (2,), and how deep [m].
+def fence(model: Model, flown: Rehearsed, tank: Tank) -> tuple[Float[np.ndarray, "2"], float]:
+    """How far CO may be from the tank's middle to north and east [m], and how deep [m].
 
     Args:
         model: With its hull.

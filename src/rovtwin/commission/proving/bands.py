@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.commission.proving.missions import FIRST
 from rovtwin.runs.scoring.scores import Flown
@@ -31,23 +32,25 @@ class Track:
     """Estimates of a flight from when it left the first corner.
 
     Attributes:
-        t: Times, shape (n,) [s], RATE samples a second from 0.
-        pose: North, east, depth [m] and heading, unwrapped [deg], shape (n, 4).
+        t: Times [s], RATE samples a second from 0.
+        pose: North, east, depth [m] and heading, unwrapped [deg].
         began: Time of the flight that is 0 here [s].
     """
 
-    t: np.ndarray
-    pose: np.ndarray
+    t: Float[np.ndarray, " n"]
+    pose: Float[np.ndarray, "n 4"]
     began: float
 
 
-def track_of(t: np.ndarray, eta: np.ndarray, waypoint: np.ndarray) -> Track | None:
+def track_of(
+    t: Float[np.ndarray, " n"], eta: Float[np.ndarray, "n 6"], waypoint: Float[np.ndarray, " n"]
+) -> Track | None:
     """From what was logged; None where the first corner was never left.
 
     Args:
-        t: Times, shape (n,) [s].
-        eta: Estimated pose, shape (n, 6) [m, rad].
-        waypoint: Number of the one that is approached, from 0, shape (n,).
+        t: Times [s].
+        eta: Estimated pose [m, rad].
+        waypoint: Number of the one that is approached, from 0.
     """
     left = np.flatnonzero(waypoint > FIRST)
     if not left.size or left[0] == len(t) - 1:
@@ -70,18 +73,18 @@ class Band:
     """What N flights predict.
 
     Attributes:
-        t: Times from leaving the first corner, shape (n,) [s].
-        drawn: All N flights, shape (N, n, 4) [m, m, m, deg].
-        low, high: The band, shape (n, 4).
-        middle: The median flight, shape (n, 4).
+        t: Times from leaving the first corner [s].
+        drawn: All N flights [m, m, m, deg].
+        low, high: The band.
+        middle: The median flight.
         level: Chance that one more flight lies inside at an instant.
     """
 
-    t: np.ndarray
-    drawn: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    middle: np.ndarray
+    t: Float[np.ndarray, " n"]
+    drawn: Float[np.ndarray, "N n 4"]
+    low: Float[np.ndarray, "n 4"]
+    high: Float[np.ndarray, "n 4"]
+    middle: Float[np.ndarray, "n 4"]
     level: float
 
 
@@ -95,8 +98,8 @@ def band_of(tracks: Sequence[Track], rank: int = RANK) -> Band:
     return Band(tracks[0].t[:n], drawn, ordered[rank - 1], ordered[-rank], np.median(drawn, axis=0), level)
 
 
-def _near(heading: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Headings [deg] with whole turns added so that they lie within half a turn of a reference, shape (.., n)."""
+def _near(heading: Float[np.ndarray, "*axes n"], reference: Float[np.ndarray, " n"]) -> Float[np.ndarray, "*axes n"]:
+    """Headings [deg] with whole turns added so that they lie within half a turn of a reference."""
     return reference + (heading - reference + 180.0) % 360.0 - 180.0
 
 
@@ -152,18 +155,20 @@ def held(band: Band, flight: Track, rank: int = RANK) -> list[Held]:
     return found
 
 
-def shares_inside(curves: np.ndarray, rank: int = RANK) -> np.ndarray:
-    """Share of time that each curve is inside the band of all others, shape (N,) of curves (N, n)."""
+def shares_inside(curves: Float[np.ndarray, "N n"], rank: int = RANK) -> Float[np.ndarray, " N"]:
+    """Share of time that each curve is inside the band of all others."""
     order = np.argsort(np.argsort(curves, axis=0, kind="stable"), axis=0, kind="stable") + 1
     return np.mean((order > rank) & (order <= len(curves) - rank), axis=1)
 
 
-def effective_of(shares: np.ndarray, level: float, samples: int) -> float:
+def effective_of(shares: Float[np.ndarray, " N"], level: float, samples: int) -> float:
     """As how many independent samples shares of time vary: level (1 - level) over their variance, 1 to `samples`."""
     spread = float(np.var(shares, ddof=1))
     return float(np.clip(level * (1.0 - level) / max(spread, 1e-12), 1.0, samples))
 
 
-def _outside_by(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+def _outside_by(
+    values: Float[np.ndarray, "*axes"], low: Float[np.ndarray, "*axes"], high: Float[np.ndarray, "*axes"]
+) -> float:
     half = np.maximum(0.5 * (high - low), 1e-9)
     return float(np.max(np.maximum(low - values, values - high) / half, initial=0.0))

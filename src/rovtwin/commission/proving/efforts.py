@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import stdtr, stdtrit
 
 from rovtwin.runs.scoring.scores import Flown
@@ -19,12 +20,12 @@ ALARM = 0.01  # chance that a true model is called untrue, all axes together
 SPREAD = 0.3  # of the logarithm over drawn flights, from which on an axis tells nothing
 
 
-def effort(nu: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """Of each axis, shape (6,) [N s2/m2, N m s2/rad2]; of estimates and wrenches, shape (n, 6)."""
+def effort(nu: Float[np.ndarray, "n 6"], tau: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6"]:
+    """Of each axis [N s2/m2, N m s2/rad2]; of estimates and wrenches."""
     return np.sum(tau * nu, axis=0) / np.maximum(np.sum(np.abs(nu) ** 3, axis=0), 1e-12)
 
 
-def effort_of_flown(flown: Flown, began: float, lasting: float) -> np.ndarray:
+def effort_of_flown(flown: Flown, began: float, lasting: float) -> Float[np.ndarray, "6"]:
     """Of a flight of the twin from a time on, for so long [s]; shape (6,)."""
     assert flown.tau is not None  # every mission has it
     during = (flown.t >= began - 1e-6) & (flown.t <= began + lasting + 1e-6)

@@ -8,8 +8,9 @@ import numpy as np
 
 from rovtwin.core.block import Block
 from rovtwin.core.flow import Measurements, Mission, Slot
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
 from rovtwin.core.sensors import kind_of
+from rovtwin.core.types import Scalar
 from rovtwin.gnc.allocation.prioritised import PriorityAllocation
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.control.reference_model import ReferenceModel
@@ -138,7 +139,7 @@ def _rates(section: ModelBasedSection) -> dict[str, float | None]:
     return {"dive": section.control.dive_speed, "turn": None if turn is None else math.radians(turn)}
 
 
-def _terrain(model: Model, sensors: dict[str, Sensor], mission: Mission, surface: Array) -> TerrainFollowing | None:
+def _terrain(model: Model, sensors: dict[str, Sensor], mission: Mission, surface: Scalar) -> TerrainFollowing | None:
     """With place and direction of the first altimeter on board; None where no way-point has an altitude."""
     if mission.altitude is None:
         return None

@@ -11,8 +11,9 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import quaternion_from_euler
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.sensors import SENSORS, SensorKind
+from rovtwin.core.types import PRNGKey
 from rovtwin.gnc.guidance.mission import mission as mission_of
 from rovtwin.gnc.navigation.accuracy_bound import position_bound
 from rovtwin.gnc.scales import VehicleScales
@@ -57,7 +58,7 @@ class Simulation:
     """
 
     loop: Loop
-    key: Array
+    key: PRNGKey
     start: Start
     model: Model
     thruster_names: list[str]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Shaped
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import GO, HOLD, IDLE
@@ -38,8 +39,8 @@ class Piece:
     """A stretch of a test under one rule.
 
     Attributes:
-        share: Command asked for on each axis, shape (ticks, 6).
-        hold, keep: As in `Timeline`, shape (6,); not a number where the spring is the vehicle's own.
+        share: Command asked for on each axis.
+        hold, keep: As in `Timeline`; not a number where the spring is the vehicle's own.
         on: Whether thrusters may run.
         phase: One of core.flow.PHASES.
         what: For people.
@@ -48,9 +49,9 @@ class Piece:
         by_hand: Whether a hand tilts the vehicle to them.
     """
 
-    share: np.ndarray
-    hold: np.ndarray = field(default_factory=HOME.copy)
-    keep: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    share: Float[np.ndarray, "ticks 6"]
+    hold: Float[np.ndarray, "6"] = field(default_factory=HOME.copy)
+    keep: Float[np.ndarray, "6"] = field(default_factory=lambda: np.zeros(6))
     on: bool = True
     phase: int = HOLD
     what: str = "home"
@@ -79,8 +80,8 @@ def experiment_of(scenario: Scenario, model: Model, vehicle: Vehicle, sensors: d
     return Experiment.of(model, _timeline(pieces, springs), Supervisor(rules), displaced(sensors), _home(scenario))
 
 
-def _home(scenario: Scenario) -> Array | None:
-    """Place and heading that the test comes home to where that is not where it starts, shape (4,)."""
+def _home(scenario: Scenario) -> Float[Array, "4"] | None:
+    """Place and heading that the test comes home to where that is not where it starts."""
     if scenario.test is None or not scenario.test.home_at_start:
         return None
     return as_array([*scenario.start.position, scenario.heading])
@@ -151,7 +152,9 @@ def _steps(section: StepsSection, dt: float) -> list[Piece]:
     return pieces
 
 
-def _pull(section: StepsSection | DoubletsSection, axis: str, values: np.ndarray, detail: str = "") -> Piece:
+def _pull(
+    section: StepsSection | DoubletsSection, axis: str, values: Float[np.ndarray, " ticks"], detail: str = ""
+) -> Piece:
     """One axis gets values; the others are held as the section says."""
     share = np.zeros((len(values), 6))
     share[:, AXES.index(axis)] = values
@@ -176,8 +179,8 @@ def _multisine(section: MultisineSection, dt: float) -> Piece:
     return Piece(share, hold, keep, phase=GO, what=f"multisine {', '.join(section.axes)}")
 
 
-def _phases(given: list[float] | None, count: int, seed: int) -> np.ndarray:
-    """Phases of sines [rad], shape (count,): as given, or drawn."""
+def _phases(given: list[float] | None, count: int, seed: int) -> Float[np.ndarray, " count"]:
+    """Phases of sines [rad]: as given, or drawn."""
     return np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, count) if given is None else np.radians(given)
 
 
@@ -192,11 +195,11 @@ def _release(section: ReleaseSection, dt: float) -> list[Piece]:
     return [replace(decay, share=held, phase=IDLE, what="hand", by_hand=True), decay]
 
 
-def _quiet(seconds: float, hold: np.ndarray, dt: float, what: str) -> Piece:
+def _quiet(seconds: float, hold: Float[np.ndarray, "6"], dt: float, what: str) -> Piece:
     return Piece(np.zeros((_ticks(seconds, dt), 6)), hold, what=what)
 
 
-def _held(section: Manoeuvre) -> np.ndarray:
+def _held(section: Manoeuvre) -> Float[np.ndarray, "6"]:
     hold = np.zeros(6)
     hold[[2, 5]] = "depth" in section.hold, "heading" in section.hold
     return hold
@@ -206,14 +209,14 @@ def _ticks(seconds: float, dt: float) -> int:
     return max(1, round(seconds / dt))
 
 
-def _timeline(pieces: list[Piece], spring: np.ndarray) -> Timeline:
-    """The arrays of the Block, padded; `spring`, shape (6,), is the vehicle's own."""
+def _timeline(pieces: list[Piece], spring: Float[np.ndarray, "6"]) -> Timeline:
+    """The arrays of the Block, padded; `spring` is the vehicle's own."""
     count = sum(len(piece.share) for piece in pieces)
     share, row = np.zeros((-(-count // PAD_TICKS) * PAD_TICKS, 6)), np.zeros(-(-count // PAD_TICKS) * PAD_TICKS, int)
     share[:count] = np.concatenate([piece.share for piece in pieces])
     row[:count] = np.repeat(np.arange(len(pieces)), [len(piece.share) for piece in pieces])
 
-    def rows(values: list[Any], kind: type = float) -> np.ndarray:
+    def rows(values: list[Any], kind: type = float) -> Shaped[np.ndarray, "rows ..."]:
         given = np.array(values, dtype=kind)
         out = np.zeros((-(-len(given) // PAD_ROWS) * PAD_ROWS, *given.shape[1:]), dtype=kind)
         out[: len(given)] = given

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.gnc.experiment import mixing
 from rovtwin.gnc.scales import VehicleScales
@@ -18,23 +19,23 @@ class ExperimentScales:
     """What a test's lengths and times are multiples of.
 
     Attributes:
-        able: Axes that thrusters push alone, shape (6,), bool.
-        rise: Time in which a pull along each axis reaches its speed, m/d and the thrusters' lag [s], shape (6,);
-            along an axis without thrusters the mean of the others.
+        able: Axes that thrusters push alone.
+        rise: Time in which a pull along each axis reaches its speed, m/d and the thrusters' lag [s]; along an axis
+            without thrusters the mean of the others.
         unit: Geometric mean of `rise` over the directions that thrusters push, of the turns where there are none [s].
         home: Time constant of the way home: one over the bandwidth [s].
         swing: Longer natural period of roll and pitch [s]; None where nothing rights the vehicle.
-        tilt: Largest roll and pitch that two hands hold against the righting moment [rad], shape (2,); 0 where
-            nothing rights the vehicle.
+        tilt: Largest roll and pitch that two hands hold against the righting moment [rad]; 0 where nothing rights the
+            vehicle.
         length: Cube root of the volume [m].
     """
 
-    able: np.ndarray
-    rise: np.ndarray
+    able: Bool[np.ndarray, "6"]
+    rise: Float[np.ndarray, "6"]
     unit: float
     home: float
     swing: float | None
-    tilt: np.ndarray
+    tilt: Float[np.ndarray, "2"]
     length: float
 
     @classmethod

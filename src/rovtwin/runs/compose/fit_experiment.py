@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.runs.compose.experiment import pieces_of
@@ -22,7 +23,7 @@ LIMITS = (0.2, 5.0)  # of a time over what it was written as: a pull must be rea
 class _Ratios:
     """Of the vehicle's own scales over those of the vehicle that a test was written for."""
 
-    rise: np.ndarray
+    rise: Float[np.ndarray, "6"]
     home: float
     swing: float
 

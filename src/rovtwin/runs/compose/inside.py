@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import turn_about_z
 from rovtwin.core.errors import ConfigError
@@ -51,7 +52,7 @@ def unreachable(scenario: Scenario, model: Model) -> Iterator[tuple[int, str]]:
                 yield i, f"{what} the acceptance radius of {waypoint.acceptance:g} m: it can never be reached"
 
 
-def _beyond(scenario: Scenario, points: np.ndarray) -> list[tuple[str, float]]:
+def _beyond(scenario: Scenario, points: Float[np.ndarray, "m 3"]) -> list[tuple[str, float]]:
     """Which floor and walls some points (m, 3) are beyond, and how far [m], the farthest first."""
     world, found = scenario.world, []
     if world.floor is not None:
@@ -67,5 +68,5 @@ def _beyond(scenario: Scenario, points: np.ndarray) -> list[tuple[str, float]]:
     return sorted((entry for entry in found if entry[1] > 1e-9), key=lambda entry: -entry[1])
 
 
-def _in_words(place: np.ndarray) -> str:
+def _in_words(place: Float[np.ndarray, "3"]) -> str:
     return "[" + ", ".join(f"{x:g}" for x in place) + "] m"

@@ -11,8 +11,9 @@ import numpy as np
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
 from rovtwin.core.sensors import ESSENTIAL, IMU, SENSORS, SensorKind, kind_named, kind_of, names_of
+from rovtwin.core.types import Matrix3
 from rovtwin.gnc.mounting import Mount
 from rovtwin.runs.compose.faults import sensor_faults
 from rovtwin.runs.compose.own_blocks import own_sensor
@@ -216,8 +217,8 @@ def displaced(sensors: dict[str, Sensor]) -> dict[str, Mount]:
     }
 
 
-def rotated(sensors: dict[str, Sensor]) -> dict[str, Array]:
-    """R_bs, shape (3, 3), of the accelerometers, gyros and compasses that do not point along b, by name."""
+def rotated(sensors: dict[str, Sensor]) -> dict[str, Matrix3]:
+    """R_bs of the accelerometers, gyros and compasses that do not point along b, by name."""
     turned = {name: sensor.rotation for name, sensor in sensors.items() if sensor.kind in IMU}
     return {name: R for name, R in turned.items() if np.any(np.asarray(R) != np.eye(3))}
 

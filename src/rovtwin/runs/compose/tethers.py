@@ -1,6 +1,7 @@
 """The tethers of a scenario as blocks: the vehicle's cables, anchored and paid out as the scenario says."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
@@ -75,7 +76,7 @@ def _tether(mounted: Mounted, how: TetherSection, world: WorldSection, start: St
     return Tether(cable, anchor, attachment, length, as_array(how.slack) if how.paid_out == "tended" else None)
 
 
-def _above(place: np.ndarray, world: WorldSection) -> list[float]:
+def _above(place: Float[np.ndarray, "3"], world: WorldSection) -> list[float]:
     """At the surface above a place; in a tank, at the wall nearest to it."""
     north, east = float(place[0]), float(place[1])
     if world.tank is not None:

@@ -4,10 +4,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.numerics import Array, as_array
+from rovtwin.core.numerics import as_array
+from rovtwin.core.types import PRNGKey
 from rovtwin.scenario.schema import AirySection, ConstantCurrentSection, ShearedCurrentSection, WorldSection
 from rovtwin.simulation.environment.airy import AirySea
 from rovtwin.simulation.environment.current import ConstantCurrent, Current, GaussMarkovCurrent, ShearedCurrent
@@ -19,7 +21,7 @@ from rovtwin.simulation.mismatch import drawn, lifted, perturbed
 from rovtwin.vehicle import Model, Vehicle
 
 
-def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array, truth: Model | None = None) -> Model:
+def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: PRNGKey, truth: Model | None = None) -> Model:
     """The true vehicle: the model, put into the world's water, perturbed, lifted, with its faults.
 
     Water and net buoyancy are the plant's alone, as when a vehicle trimmed in a pool goes to sea. A given `truth`
@@ -124,8 +126,8 @@ def airy_of(waves: AirySection, floor: float | None) -> AirySea:
     )
 
 
-def current_at(world: WorldSection, depth: float) -> np.ndarray:
-    """Mean horizontal current at a depth [m], n [m/s], shape (2,)."""
+def current_at(world: WorldSection, depth: float) -> Float[np.ndarray, "2"]:
+    """Mean horizontal current at a depth [m], n [m/s]."""
     current = world.current
     if isinstance(current, ConstantCurrentSection):
         return np.asarray(current.velocity[:2], dtype=float)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.errors import ConfigError
@@ -229,7 +230,7 @@ def _would_turn(scenario: Scenario, model: Model) -> str:
 
 
 def _on_leg(
-    limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns: bool, would_turn: str
+    limits: Limits, leg: _Leg, current: Float[np.ndarray, "2"], steered: bool, turns: bool, would_turn: str
 ) -> Iterator[Finding]:
     """What speed, current, heading and corner ask of a leg and of the stay at its end."""
     ahead, size = float(limits.top[SURGE, 1]), float(np.hypot(*current))
@@ -283,7 +284,7 @@ def _turned_across(limits: Limits, leg: _Leg, size: float, flow: str) -> Finding
     return Finding(what, f"{held}, and is carried off while it turns", False)
 
 
-def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, turns: bool) -> Iterator[Finding]:
+def _made_good(limits: Limits, leg: _Leg, current: Float[np.ndarray, "2"], flow: str, turns: bool) -> Iterator[Finding]:
     along = float(current @ [math.cos(leg.direction), math.sin(leg.direction)])
     across = float(current @ [-math.sin(leg.direction), math.cos(leg.direction)])
     ahead, leg_speed = float(limits.through[SURGE, 1]), leg.point.speed or 0.0
@@ -329,7 +330,7 @@ def _up(value: float) -> float:
 
 
 def _held_heading(
-    limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float, would_turn: str
+    limits: Limits, leg: _Leg, current: Float[np.ndarray, "2"], flow: str, ahead: float, would_turn: str
 ) -> Iterator[Finding]:
     """Whether a place can be held with the heading that is asked for.
 

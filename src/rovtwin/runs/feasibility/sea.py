@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax
@@ -213,7 +214,7 @@ def thesis_rms(height: float, period: float) -> float:
     return float(ThesisWaves(height, period, as_printed=True).rms())
 
 
-def rms(values: np.ndarray) -> float:
+def rms(values: Float[np.ndarray, "*axes"]) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
 

@@ -24,10 +24,12 @@ from typing import Any, Literal
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import PRNGKey, Vector3, Vector6
 from rovtwin.simulation.environment.airy import AirySea
 from rovtwin.simulation.environment.world import World
 from rovtwin.vehicle.analysis.stability import stability, steady_speed
@@ -50,15 +52,15 @@ class Holding:
     """What one place and heading ask of a vehicle.
 
     Attributes:
-        place: CO in n [m], shape (3,).
+        place: CO in n [m].
         heading: [rad].
-        t: Time [s], shape (n,).
-        required: Wrench that keeps the vehicle dead still, b at CO [N, N m], shape (n, 6).
-        share: The largest share of its limit that any thruster needs for that, shape (n,); above 1 it cannot.
-        mean_required: Wrench that keeps it there on average, in the mean current and Stokes drift, shape (6,).
+        t: Time [s].
+        required: Wrench that keeps the vehicle dead still, b at CO [N, N m].
+        share: The largest share of its limit that any thruster needs for that; above 1 it cannot.
+        mean_required: Wrench that keeps it there on average, in the mean current and Stokes drift.
         mean_share: The same share for it, in the 95th percentile of a current that varies.
-        mean_flow: Current and Stokes drift, n [m/s], shape (3,).
-        sweep: Rms of the water's way to and fro, horizontal and vertical [m], shape (2,).
+        mean_flow: Current and Stokes drift, n [m/s].
+        sweep: Rms of the water's way to and fro, horizontal and vertical [m].
         drift: Speed at which the vehicle is carried off in spite of full thrust [m/s]; 0 where it is not.
         available: Largest force along the horizontal force required, the way it is required or the lesser of both [N];
             in surge where none is.
@@ -71,15 +73,15 @@ class Holding:
         asked: Whether somebody asks for this heading; else it is the one that the vehicle starts with.
     """
 
-    place: np.ndarray
+    place: Float[np.ndarray, "3"]
     heading: float
-    t: np.ndarray
-    required: np.ndarray
-    share: np.ndarray
-    mean_required: np.ndarray
+    t: Float[np.ndarray, " n"]
+    required: Float[np.ndarray, "n 6"]
+    share: Float[np.ndarray, " n"]
+    mean_required: Float[np.ndarray, "6"]
     mean_share: float
-    mean_flow: np.ndarray
-    sweep: np.ndarray
+    mean_flow: Float[np.ndarray, "3"]
+    sweep: Float[np.ndarray, "2"]
     drift: float
     available: float
     available_heave: float
@@ -103,15 +105,15 @@ class Holding:
         return "holds" if at_most(self.share, STILL) <= 1.0 else "swept"
 
     @property
-    def horizontal(self) -> np.ndarray:
-        """Size of the horizontal force required [N], shape (n,)."""
+    def horizontal(self) -> Float[np.ndarray, " n"]:
+        """Size of the horizontal force required [N]."""
         return np.hypot(self.required[:, 0], self.required[:, 1])
 
 
 def holding(
     model: Model,
     world: World,
-    key: Array,
+    key: PRNGKey,
     place: Any,
     heading: float,
     duration: float = 600.0,
@@ -165,7 +167,9 @@ def holding(
     )
 
 
-def _upright(model: Model, flow: np.ndarray, heading: float, controlled: tuple[float, float] | None) -> float:
+def _upright(
+    model: Model, flow: Float[np.ndarray, "*axes 3"], heading: float, controlled: tuple[float, float] | None
+) -> float:
     """As `Holding.upright`; a flow so large that thrust gives way first is for `Holding.tips` to judge."""
     from_astern = float(flow[0] * np.cos(heading) + flow[1] * np.sin(heading))
     if not np.any(flow[:2]):
@@ -179,13 +183,13 @@ def _upright(model: Model, flow: np.ndarray, heading: float, controlled: tuple[f
     return stability(model, astern=from_astern > 0).pitch_depth_held / ahead if ahead > 1e-6 else math.inf
 
 
-def at_most(values: np.ndarray, percent: float) -> float:
+def at_most(values: Float[np.ndarray, " n"], percent: float) -> float:
     """The least of the values that so many percent of them do not exceed; values may be infinite."""
     return float(np.sort(values)[max(math.ceil(0.01 * percent * len(values)) - 1, 0)])
 
 
 def _elsewhere(
-    model: Model, place: Any, flow: np.ndarray, heading: float, controlled: tuple[float, float] | None
+    model: Model, place: Any, flow: Float[np.ndarray, "n 3"], heading: float, controlled: tuple[float, float] | None
 ) -> tuple[float, float, bool]:
     """The share that flows (n, 3), as large as they come, take with bow or side into them, that heading, and which."""
     mean, speed = flow.mean(axis=0), at_most(np.hypot(flow[:, 0], flow[:, 1]), 95.0)
@@ -203,7 +207,7 @@ def _elsewhere(
     return min(found, key=lambda f: (round(f[0], 6), -math.cos(f[1] - heading)))
 
 
-def stemmed(model: Model, directions: Any, controlled: tuple[float, float] | None = None) -> np.ndarray:
+def stemmed(model: Model, directions: Any, controlled: tuple[float, float] | None = None) -> Float[np.ndarray, " n"]:
     """Largest steady currents that thrusters stem, level, other axes and the heading held too [m/s], shape (n,).
 
     Args:
@@ -219,7 +223,7 @@ def stemmed(model: Model, directions: Any, controlled: tuple[float, float] | Non
     return np.minimum(stems, np.asarray(upright) / np.maximum(ahead, 1e-6))
 
 
-def stemmed_by_thrust(model: Model, directions: Any) -> np.ndarray:
+def stemmed_by_thrust(model: Model, directions: Any) -> Float[np.ndarray, " n"]:
     """The same if nothing tipped the vehicle over, shape (n,); arguments are those of `stemmed`."""
     directions, speeds = np.asarray(directions, dtype=float), np.linspace(0.0, _fastest(model), 201)
     state = State.at(model, Start.at((0.0, 0.0, 10.0 * float(model.hull.radius) + 1.0), 0.0))
@@ -239,10 +243,12 @@ def _fastest(model: Model) -> float:
 
 
 @eqx.filter_jit
-def _held(model: Model, world: World, key: Array, state: State, steps: int, dt: float) -> tuple[Array, Array, Array]:
+def _held(
+    model: Model, world: World, key: PRNGKey, state: State, steps: int, dt: float
+) -> tuple[Float[Array, "steps 6"], Float[Array, "steps 3"], Float[Array, "steps 6"]]:
     """Required wrench (steps, 6), current (steps, 3) in n and external wrench (steps, 6) on a vehicle held still."""
 
-    def step(memory: Any, _: None) -> tuple[Any, tuple[Array, Array, Array]]:
+    def step(memory: Any, _: None) -> tuple[Any, tuple[Vector6, Vector3, Vector6]]:
         current = jnp.zeros(3)
         if world.current is not None:
             current = world.current.step(memory.current, state.position, dt)[1].velocity
@@ -253,24 +259,24 @@ def _held(model: Model, world: World, key: Array, state: State, steps: int, dt: 
     return jax.lax.scan(step, begin, None, length=steps)[1]
 
 
-def _required(model: Model, state: State, environment: Environment) -> Array:
-    """-M nu_dot at nu = 0 without thrust, shape (6,): exact, for nu_dot is linear in the thrusters' wrench."""
+def _required(model: Model, state: State, environment: Environment) -> Vector6:
+    """-M nu_dot at nu = 0 without thrust: exact, for nu_dot is linear in the thrusters' wrench."""
     nu_dot = acceleration(model, state.position, state.attitude, jnp.zeros(6), jnp.zeros(6), environment)
     return -model.inertia @ nu_dot
 
 
 @jax.jit
-def _in_mean_flow(model: Model, state: State, flow: Array, wrench: Array) -> Array:
+def _in_mean_flow(model: Model, state: State, flow: Float[Array, "n 3"], wrench: Vector6) -> Float[Array, "n 6"]:
     """Required wrench (n, 6) in steady flows (n, 3) in n."""
 
-    def one(velocity: Array) -> Array:
+    def one(velocity: Vector3) -> Vector6:
         return _required(model, state, Environment.calm(velocity=velocity, wrench=wrench, place=state.position))
 
     return jax.vmap(one)(flow)
 
 
-def thrust_share(thrusters: Thrusters, tau: np.ndarray) -> np.ndarray:
-    """Largest share of its limit that any thruster needs for each wrench (n, 6), shape (n,).
+def thrust_share(thrusters: Thrusters, tau: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, " n"]:
+    """Largest share of its limit that any thruster needs for each wrench.
 
     Forces and yaw moment only, shared out as well as can be; inf where thrusters cannot push that way at all.
     """
@@ -282,8 +288,8 @@ def thrust_share(thrusters: Thrusters, tau: np.ndarray) -> np.ndarray:
     return np.where(unmet, np.inf, share_of_limits(T, low, high, met))
 
 
-def _beyond(required: np.ndarray, met: np.ndarray, part: slice) -> np.ndarray:
-    """Whether more than 1 % of the forces, or of the moment, is missing, shape (n,)."""
+def _beyond(required: Float[np.ndarray, "n 4"], met: Float[np.ndarray, "n 4"], part: slice) -> Bool[np.ndarray, " n"]:
+    """Whether more than 1 % of the forces, or of the moment, is missing."""
     missing, whole = (np.abs(x[:, part]).max(axis=1) for x in (required - met, required))
     return missing > 0.01 * whole + NOTHING
 
@@ -292,8 +298,8 @@ def _sound(thrusters: Thrusters) -> Thrusters:
     return eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(thrusters.health))
 
 
-def _mostly(required: np.ndarray) -> np.ndarray:
-    """Unit wrenches in which the horizontal force mostly points, to and fro if it does, shape (1 or 2, 6).
+def _mostly(required: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "ways 6"]:
+    """Unit wrenches in which the horizontal force mostly points, to and fro if it does.
 
     Surge, both ways, where there is none.
     """
@@ -305,12 +311,12 @@ def _mostly(required: np.ndarray) -> np.ndarray:
     return np.stack([way * axis for way in (1.0, -1.0) if (way * along).max() > NOTHING])
 
 
-def _force_along(thrusters: Thrusters, units: np.ndarray) -> float:
+def _force_along(thrusters: Thrusters, units: Float[np.ndarray, "n 6"]) -> float:
     """Largest force along unit wrenches (n, 6), the least of them [N]."""
     return float((1.0 / thrust_share(thrusters, units)).min())
 
 
-def _drift(model: Model, state: State, flow: np.ndarray, wrench: np.ndarray) -> float:
+def _drift(model: Model, state: State, flow: Float[np.ndarray, "3"], wrench: Float[np.ndarray, "6"]) -> float:
     """What is left of the mean flow after the largest share of it that full thrust can stand up to [m/s]."""
     shares = np.linspace(0.0, 1.0, 201)
     tau = np.asarray(_in_mean_flow(model, state, jnp.asarray(shares[:, None] * flow), jnp.asarray(wrench)))
@@ -319,8 +325,8 @@ def _drift(model: Model, state: State, flow: np.ndarray, wrench: np.ndarray) -> 
     return float((1.0 - kept) * np.linalg.norm(flow))
 
 
-def _stokes_drift(world: World, z: float) -> np.ndarray:
-    """Mean velocity of water particles in waves, n [m/s], shape (3,)."""
+def _stokes_drift(world: World, z: float) -> Float[np.ndarray, "3"]:
+    """Mean velocity of water particles in waves, n [m/s]."""
     sea = world.waves
     if not isinstance(sea, AirySea):
         return np.zeros(3)
@@ -330,8 +336,8 @@ def _stokes_drift(world: World, z: float) -> np.ndarray:
     return np.array([speed @ np.cos(direction), speed @ np.sin(direction), 0.0])
 
 
-def _sweep(world: World, z: float) -> np.ndarray:
-    """Rms of the displacement of water particles, horizontal and vertical [m], shape (2,)."""
+def _sweep(world: World, z: float) -> Float[np.ndarray, "2"]:
+    """Rms of the displacement of water particles, horizontal and vertical [m]."""
     sea = world.waves
     if not isinstance(sea, AirySea):
         return np.zeros(2)

@@ -18,6 +18,7 @@ Reference: Fossen (2021), sec. 6.3.3 (Munk's moment).
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.gnc.guidance.level_speed import TILT
 from rovtwin.gnc.scales import HEAVE, VehicleScales, straight
@@ -44,12 +45,14 @@ class _Plane:
     drag: tuple[float, float]
 
 
-def tilts(model: Model, flow: np.ndarray, dive: float | None, position_std: float) -> np.ndarray:
-    """Largest roll and pitch as a dive begins [rad], shape (2,).
+def tilts(
+    model: Model, flow: Float[np.ndarray, "2"], dive: float | None, position_std: float
+) -> Float[np.ndarray, "2"]:
+    """Largest roll and pitch as a dive begins [rad].
 
     Args:
         model: The vehicle as it truly is.
-        flow: Current along and across the vehicle, b [m/s], shape (2,).
+        flow: Current along and across the vehicle, b [m/s].
         dive: Speed of the dive [m/s]; None: the vehicle's own.
         position_std: Of a position fix, each axis [m]; 0 with a Doppler log.
     """

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import pose, pose_covariance
 from rovtwin.core.log import Channel
@@ -168,7 +169,7 @@ def nis_samples(record: Record) -> dict[str, np.ndarray]:
     return {"autopilot/nis": np.asarray(estimate.nis), "autopilot/nis_dof": np.asarray(estimate.nis_dof, dtype=float)}
 
 
-def sensor_samples(record: Record, t: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def sensor_samples(record: Record, t: Float[np.ndarray, " n"]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Readings as they came: per channel the ticks at which the autopilot got them and value with t_valid."""
     out = {}
     for name, slot in record.measurements.items():

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from PIL import Image
 
 from rovtwin.core.errors import ConfigError
@@ -103,7 +104,13 @@ class _Camera:
         self._pictures = stack.enter_context(PictureWriter(stem.with_suffix(".mcap"), name))
         self._film = _Film(stem, section.rate_hz, lens.size, stack) if film else None
 
-    def take(self, t: np.ndarray, position: np.ndarray, attitude: np.ndarray, nu: np.ndarray) -> None:
+    def take(
+        self,
+        t: Float[np.ndarray, " n"],
+        position: Float[np.ndarray, "n 3"],
+        attitude: Float[np.ndarray, "n 4"],
+        nu: Float[np.ndarray, "n 6"],
+    ) -> None:
         """Pictures taken up to the end of a stretch of the path."""
         due = np.searchsorted(self._frames.taken, t[-1] + 1e-9, side="right")
         rows = np.arange(self._next, due)
@@ -143,7 +150,7 @@ class _Film:
         self._times = csv.writer(table)
         self._times.writerow(["t"])
 
-    def write(self, t: float, picture: np.ndarray) -> None:
+    def write(self, t: float, picture: UInt8[np.ndarray, "H W 3"]) -> None:
         self._writer.write(np.ascontiguousarray(picture[..., ::-1]))
         self._times.writerow([f"{t:.6f}"])
 
@@ -152,18 +159,20 @@ def _write_yaml(path: Path, data: dict[str, Any]) -> None:
     write_text(path, dump_yaml(data, default_flow_style=None))
 
 
-def jpeg(picture: np.ndarray) -> bytes:
-    """A picture, RGB, uint8, shape (H, W, 3), as JPEG with its colours at full resolution."""
+def jpeg(picture: UInt8[np.ndarray, "H W 3"]) -> bytes:
+    """A picture, RGB, uint8, as JPEG with its colours at full resolution."""
     stream = io.BytesIO()
     Image.fromarray(picture).save(stream, "JPEG", quality=QUALITY, subsampling=0)
     return stream.getvalue()
 
 
-def _between(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _between(
+    at: Float[np.ndarray, " m"], t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "m k"]:
     return np.stack([np.interp(at, t, column) for column in values.T], axis=1)
 
 
-def _continuous(q: np.ndarray) -> np.ndarray:
+def _continuous(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
     """Quaternions with signs that do not jump."""
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
     return q * np.concatenate([[1.0], flips])[:, None]

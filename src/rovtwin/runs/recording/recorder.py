@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import pose_covariance
 from rovtwin.runs.loop import Record
@@ -67,7 +68,9 @@ class Recorder:
         self._broken = self._broken or first_failure(record.broken_force, t)
         self._saturated.append(np.any(np.abs(record.autopilot.command.u) >= 1.0 - 1e-9, axis=1))
 
-    def _log(self, write: Write, record: Record, samples: dict[str, np.ndarray], t: np.ndarray, logged: Any) -> None:
+    def _log(
+        self, write: Write, record: Record, samples: dict[str, np.ndarray], t: Float[np.ndarray, " ticks"], logged: Any
+    ) -> None:
         """Write a chunk: samples of the ticks in `logged`, shape (ticks,), bool; NIS and readings as they came."""
         every = {name: (t[logged], values[logged]) for name, values in samples.items()}
         every |= {name: (t, values) for name, values in nis_samples(record).items()}

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.numerics import as_array, jax
@@ -43,8 +44,10 @@ def touched(flown: Flown, model: Model, world: World, test: bool) -> list[str]:
     return lines
 
 
-def _beyond_walls(pose: np.ndarray, model: Model, world: World) -> Iterator[tuple[str, np.ndarray]]:
-    """Name of each plane, and how far the hull's outermost corner is beyond it [m], shape (m,)."""
+def _beyond_walls(
+    pose: Float[np.ndarray, "m 6"], model: Model, world: World
+) -> Iterator[tuple[str, Float[np.ndarray, " m"]]]:
+    """Name of each plane, and how far the hull's outermost corner is beyond it [m]."""
     if world.walls is None:
         return
     turned = Rotation.from_euler("ZYX", pose[:, 5:2:-1]).as_matrix()
@@ -58,22 +61,22 @@ def _beyond_walls(pose: np.ndarray, model: Model, world: World) -> Iterator[tupl
         yield _name(normal), np.sum(pose[:, :3] * normal, axis=1) - offset + (seen @ corners.T).max(axis=1)
 
 
-def _name(normal: np.ndarray) -> str:
-    """Of a plane by its outward normal, shape (3,) or, of a floor that is not level, (m, 3)."""
+def _name(normal: Float[np.ndarray, "*axes 3"]) -> str:
+    """Of a plane by its outward normal, or of many of a floor that is not level."""
     if normal.ndim > 1 or normal[2] > 0.5:
         return "the floor"
     side = {(1, 0): "northern", (-1, 0): "southern", (0, 1): "eastern", (0, -1): "western"}
     return f"the {side[(round(float(normal[0])), round(float(normal[1])))]} wall"
 
 
-def _above(pose: np.ndarray, model: Model, surface: float) -> np.ndarray:
-    """How far the uppermost element of buoyancy is out of the water [m], shape (m,)."""
+def _above(pose: Float[np.ndarray, "m 6"], model: Model, surface: float) -> Float[np.ndarray, " m"]:
+    """How far the uppermost element of buoyancy is out of the water [m]."""
     down = Rotation.from_euler("ZYX", pose[:, 5:2:-1]).as_matrix()[:, 2]
     elements = np.asarray(model.center_of_buoyancy) + np.asarray(model.hull.offsets)
     return surface - (pose[:, 2] + (down @ elements.T - np.asarray(model.hull.reach)).min(axis=1))
 
 
-def _stretches(touching: np.ndarray, dt: float) -> list[tuple[float, float]]:
+def _stretches(touching: Bool[np.ndarray, " m"], dt: float) -> list[tuple[float, float]]:
     """Start and duration [s] of each touch."""
     k = np.flatnonzero(touching)
     if not k.size:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Real
 
 from rovtwin.core.arrays.stretches import stretches
 from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
@@ -73,7 +74,9 @@ def badly_placed(flown: Flown, scenario: Scenario) -> list[dict[str, Any]]:
     return found[:MOST_BAD]
 
 
-def courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:
+def courses(
+    t: Float[np.ndarray, " n"], phase: Real[np.ndarray, " n"], reason: Real[np.ndarray, " n"]
+) -> list[dict[str, Any]]:
     """Changes to and from what is not the mission's own course; times [s], numbers of phase and reason, shape (n,)."""
     found = []
     for k in np.flatnonzero((np.diff(phase) != 0) | (np.diff(reason) != 0)) + 1:
@@ -84,7 +87,9 @@ def courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[s
     return found
 
 
-def losses(t: np.ndarray, health: np.ndarray, thrusters: Sequence[str]) -> list[dict[str, Any]]:
+def losses(
+    t: Float[np.ndarray, " n"], health: Float[np.ndarray, "n thrusters"], thrusters: Sequence[str]
+) -> list[dict[str, Any]]:
     """Thrusters no longer used, and those used again; health is a share, shape (n, thrusters)."""
     lost = health < 0.5
     found = []

@@ -7,6 +7,7 @@ was asked of its thrusters there.
 import math
 
 import numpy as np
+from jaxtyping import Bool, Float, Shaped
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.arrays.rotations import quaternion_from_euler, tilt_of
@@ -84,19 +85,19 @@ def left_depth(flown: Flown, model: Model) -> str:
     return f"at {flown.t[at]:.1f} s it was {text}, {since}{_of_thrusters(flown, rows, model, (2,))}"
 
 
-def _last_before(flown: Flown, reason: str, seconds: float) -> tuple[int, np.ndarray]:
-    """The last sample before a rule acted, and the samples of so long before it, shape (n,), bool."""
+def _last_before(flown: Flown, reason: str, seconds: float) -> tuple[int, Bool[np.ndarray, " n"]]:
+    """The last sample before a rule acted, and the samples of so long before it."""
     at = max(_ended(flown, reason) - 1, 0)
     return at, (flown.t >= flown.t[at] - seconds) & (flown.t <= flown.t[at])
 
 
-def _since(flown: Flown, rows: np.ndarray, distance: np.ndarray) -> str:
+def _since(flown: Flown, rows: Shaped[np.ndarray, " rows"], distance: Float[np.ndarray, " n"]) -> str:
     """Whether a distance [m] grew over these samples."""
     grown, seconds = float(distance[-1] - distance[0]), float(np.ptp(flown.t[rows]))
     return f"{abs(grown):.2g} m {'farther' if grown >= 0 else 'nearer'} than {seconds:.0f} s before"
 
 
-def _of_thrusters(flown: Flown, rows: np.ndarray, model: Model, axes: tuple[int, ...]) -> str:
+def _of_thrusters(flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model, axes: tuple[int, ...]) -> str:
     """What was asked of these axes on average, of what they have, and what they gave where that is another force."""
     if flown.tau is None:
         return ""
@@ -108,8 +109,8 @@ def _of_thrusters(flown: Flown, rows: np.ndarray, model: Model, axes: tuple[int,
     return f"; asked for {', '.join(has)} on average" if has else ""
 
 
-def _gave(flown: Flown, rows: np.ndarray, model: Model) -> np.ndarray:
-    """Mean wrench of the thrusters in these samples, b at CO, shape (6,); NaN where nobody kept their forces."""
+def _gave(flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> Float[np.ndarray, "6"]:
+    """Mean wrench of the thrusters in these samples, b at CO; NaN where nobody kept their forces."""
     t = flown.t[0] + flown.control_dt * np.arange(len(flown.thrust))
     ticks = (t >= flown.t[rows][0]) & (t <= flown.t[rows][-1])
     if not ticks.any() or flown.thrust.shape[1] != model.thrusters.count:  # of a real vehicle
@@ -157,14 +158,14 @@ def _ended(flown: Flown, reason: str) -> int:
     return int(np.argmax(flown.mode[:, 1] == REASONS.index(reason)))
 
 
-def _before(flown: Flown, reason: str, seconds: float) -> np.ndarray:
-    """Samples of the last seconds before a rule ended the run, shape (n,), bool."""
+def _before(flown: Flown, reason: str, seconds: float) -> Bool[np.ndarray, " n"]:
+    """Samples of the last seconds before a rule ended the run."""
     at = flown.t[_ended(flown, reason)]
     return (flown.t >= at - seconds) & (flown.t <= at)
 
 
-def _through(flown: Flown, rows: np.ndarray) -> np.ndarray:
-    """Velocity through the water, b [m/s], over ground where nobody knows the water, shape (m, 3)."""
+def _through(flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> Float[np.ndarray, "m 3"]:
+    """Velocity through the water, b [m/s], over ground where nobody knows the water."""
     velocity = flown.nu[rows, :3]
     if flown.water is None:
         return velocity

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import NOT_A_NUMBER
 from rovtwin.gnc.guard import PLACES
@@ -10,7 +11,7 @@ from rovtwin.runs.scoring.scores import Failure, Flown
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
 
 
-def first_failure(codes: Any, t: np.ndarray) -> Failure | None:
+def first_failure(codes: Any, t: Float[np.ndarray, " ticks"]) -> Failure | None:
     """The first code that is not 0, shape (ticks,), with its time [s]; None where there is none."""
     if codes is None or not np.any(codes):
         return None

@@ -7,6 +7,7 @@ reversed or fouled feels the same: unless the water is known, as in the twin, bo
 import math
 
 import numpy as np
+from jaxtyping import Float, Shaped
 
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.runs.limits import compass_point
@@ -20,7 +21,7 @@ WEIGHS = 1e-3  # of the weight: a vertical force that is worth a word
 THRUSTERS = "thrusters that give less than they should (dead, reversed, fouled)"
 
 
-def pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
+def pushed(flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> str:
     """The disturbance that the autopilot estimates, as a force and as the current whose drag it is, or thrusters."""
     force, current = disturbance(flown, rows, model)
     speed = float(np.hypot(*current))
@@ -43,12 +44,12 @@ def pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
     )
 
 
-def _water(flown: Flown, rows: np.ndarray) -> np.ndarray | None:
-    """Mean level velocity of the water, n [m/s], shape (2,); None where nobody knows it."""
+def _water(flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> Float[np.ndarray, "2"] | None:
+    """Mean level velocity of the water, n [m/s]; None where nobody knows it."""
     return None if flown.water is None else flown.water[rows, :2].mean(axis=0)
 
 
-def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
+def explained(flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> bool | None:
     """Whether the water, waves and tethers push as the autopilot estimates; None where nobody knows.
 
     But for a quarter, or for twice the standard error of waves' mean force over this time, which a filter lags behind.
@@ -65,22 +66,22 @@ def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
     return float(np.hypot(*(water - estimated))) < max(OTHERWISE * float(np.hypot(*current)), FELT)
 
 
-def _standard_error(force: np.ndarray) -> float:
-    """Of the mean of a force that goes to and fro, shape (n, 2), by its variance and number of periods [N]."""
+def _standard_error(force: Float[np.ndarray, "n 2"]) -> float:
+    """Of the mean of a force that goes to and fro, by its variance and number of periods [N]."""
     off = force - force.mean(axis=0)
     main = off @ np.linalg.eigh(off.T @ off)[1][:, -1]
     periods = max(np.count_nonzero(np.diff(np.signbit(main))) / 2.0, 1.0)
     return float(np.hypot(*force.std(axis=0)) / np.sqrt(periods))
 
 
-def _level(flown: Flown, rows: np.ndarray) -> np.ndarray:
-    """Level force of waves, their drift and tethers, n [N], shape (rows, 2); zero where nobody knows it."""
+def _level(flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> Float[np.ndarray, "rows 2"]:
+    """Level force of waves, their drift and tethers, n [N]; zero where nobody knows it."""
     if flown.outside is None:
         return np.zeros((1, 2))
     return np.einsum("nij,nj->ni", heading_rotation(headings(flown.eta[rows])), flown.outside[rows, :2])
 
 
-def _others(force: np.ndarray, flown: Flown, rows: np.ndarray) -> str:
+def _others(force: Float[np.ndarray, "2"], flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> str:
     """What pushes besides the current, where it is a good part of the force."""
     outside = _level(flown, rows).mean(axis=0)
     size = float(np.hypot(*outside))
@@ -90,7 +91,7 @@ def _others(force: np.ndarray, flown: Flown, rows: np.ndarray) -> str:
     return f" (waves, their drift and tethers push with {size:.2g} N to the {towards})"
 
 
-def lifted(flown: Flown, rows: np.ndarray, model: Model) -> str:
+def lifted(flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> str:
     """The vertical force that the autopilot estimates: weight or buoyancy, or thrusters that do not give it."""
     if flown.bias is None:
         return ""
@@ -103,26 +104,30 @@ def lifted(flown: Flown, rows: np.ndarray, model: Model) -> str:
     )
 
 
-def disturbance(flown: Flown, rows: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Mean horizontal force in n [N] and the current whose drag it is along each axis of the body, shape (2,) each."""
+def disturbance(
+    flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Mean horizontal force in n [N] and the current whose drag it is along each axis of the body."""
     if flown.bias is None:
         return np.zeros(2), np.zeros(2)
     force = flown.bias[rows, :2].mean(axis=0)
     return force, _drag_of(force, flown, rows, model)
 
 
-def _drag_of(force: np.ndarray, flown: Flown, rows: np.ndarray, model: Model) -> np.ndarray:
+def _drag_of(
+    force: Float[np.ndarray, "2"], flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model
+) -> Float[np.ndarray, "2"]:
     """Current along surge and sway [m/s] whose drag is a level force in n [N]."""
     body = _in_body(force, flown, rows)
     return np.array([math.copysign(steady_speed(model, i, float(f), thrust=False), f) for i, f in enumerate(body)])
 
 
-def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:
+def _in_body(force: Float[np.ndarray, "2"], flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> Float[np.ndarray, "2"]:
     return _turned(flown, rows) @ force
 
 
-def _turned(flown: Flown, rows: np.ndarray) -> np.ndarray:
-    """From n to b by the mean heading, shape (2, 2)."""
+def _turned(flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> Float[np.ndarray, "2 2"]:
+    """From n to b by the mean heading."""
     psi = headings(flown.eta_hat[rows])
     c, s = float(np.mean(np.cos(psi))), float(np.mean(np.sin(psi)))
     return np.array([[c, s], [-s, c]]) / max(math.hypot(c, s), 1e-9)

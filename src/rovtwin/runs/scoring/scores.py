@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Real
 from scipy.special import gammaincinv
 
 from rovtwin.core.arrays.correlation import effective_samples
@@ -31,51 +32,51 @@ class Flown:
     """One run on the host, sampled at n instants.
 
     Attributes:
-        t: Time [s], shape (n,).
-        eta, nu: Truth, shape (n, 6); attitude as zyx Euler angles.
-        eta_hat, nu_hat: Estimate, shape (n, 6).
-        covariance: Of [eta, nu], shape (n, 12, 12).
-        leg: Start and end of the leg, shape (n, 6).
-        mode: phase, reason, waypoint, on_leg, shape (n, 4).
-        thrust: Every control tick, shape (m, n_thrusters) [N].
+        t: Time [s].
+        eta, nu: Truth; attitude as zyx Euler angles.
+        eta_hat, nu_hat: Estimate.
+        covariance: Of [eta, nu].
+        leg: Start and end of the leg.
+        mode: phase, reason, waypoint, on_leg.
+        thrust: Every control tick [N].
         control_dt: Period of `thrust` [s].
-        saturated: Every control tick, whether any thruster was at its limit, shape (m,).
+        saturated: Every control tick, whether any thruster was at its limit.
         duration: From arming to the end [s].
         energy: Taken from the batteries [J]; None where none are simulated.
-        health: What each thruster gives, as the autopilot estimates it, shape (n, n_thrusters); None where unknown.
-        reference: Pose that the controller was given, shape (n, 6); None where nobody kept it.
+        health: What each thruster gives, as the autopilot estimates it; None where unknown.
+        reference: Pose that the controller was given; None where nobody kept it.
         setpoint: Pose that guidance asked for, tau: wrench that the controller asked for, bias: disturbance that the
-            filter estimated (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
-        water: Velocity of the water at CO, n [m/s], shape (n, 3); None where nobody knows it.
-        outside: Wrench of waves, their drift and tethers at CO, b, shape (n, 6); None where nobody knows it.
-        progress: One of core.flow.PROGRESS, as a number, shape (n,); None where nobody kept it.
-        pose: Truth every control tick, as `eta`, shape (m, 6); None where nobody kept it.
+            filter estimated (force in n, moment in b); None where nobody kept them.
+        water: Velocity of the water at CO, n [m/s]; None where nobody knows it.
+        outside: Wrench of waves, their drift and tethers at CO, b; None where nobody knows it.
+        progress: One of core.flow.PROGRESS, as a number; None where nobody kept it.
+        pose: Truth every control tick, as `eta`; None where nobody kept it.
         failed: The first part of the autopilot (of gnc.guard.PLACES) that gave what is no number; None: none did.
         broken_force: The first of the world's forces that did.
     """
 
-    t: np.ndarray
-    eta: np.ndarray
-    nu: np.ndarray
-    eta_hat: np.ndarray
-    nu_hat: np.ndarray
-    covariance: np.ndarray
-    leg: np.ndarray
-    mode: np.ndarray
-    thrust: np.ndarray
-    saturated: np.ndarray
+    t: Float[np.ndarray, " n"]
+    eta: Float[np.ndarray, "n 6"]
+    nu: Float[np.ndarray, "n 6"]
+    eta_hat: Float[np.ndarray, "n 6"]
+    nu_hat: Float[np.ndarray, "n 6"]
+    covariance: Float[np.ndarray, "n 12 12"]
+    leg: Float[np.ndarray, "n 6"]
+    mode: Float[np.ndarray, "n 4"]
+    thrust: Float[np.ndarray, "m thrusters"]
+    saturated: Bool[np.ndarray, " m"]
     control_dt: float
     duration: float
     energy: float | None = None
-    health: np.ndarray | None = None
-    reference: np.ndarray | None = None
-    setpoint: np.ndarray | None = None
-    tau: np.ndarray | None = None
-    bias: np.ndarray | None = None
-    water: np.ndarray | None = None
-    outside: np.ndarray | None = None
-    progress: np.ndarray | None = None
-    pose: np.ndarray | None = None
+    health: Float[np.ndarray, "n thrusters"] | None = None
+    reference: Float[np.ndarray, "n 6"] | None = None
+    setpoint: Float[np.ndarray, "n 6"] | None = None
+    tau: Float[np.ndarray, "n 6"] | None = None
+    bias: Float[np.ndarray, "n 6"] | None = None
+    water: Float[np.ndarray, "n 3"] | None = None
+    outside: Float[np.ndarray, "n 6"] | None = None
+    progress: Int[np.ndarray, " n"] | None = None
+    pose: Float[np.ndarray, "m 6"] | None = None
     failed: Failure | None = None
     broken_force: Failure | None = None
 
@@ -88,8 +89,8 @@ class Flown:
         return replace(self, **{name: part[first:last] for name, part in parts.items() if part is not None})
 
 
-def headings(eta: np.ndarray) -> np.ndarray:
-    """What control holds of poses (n, 6), `rotations.heading_of` and not psi [rad], shape (n,)."""
+def headings(eta: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, " n"]:
+    """What control holds of poses, `rotations.heading_of` and not psi [rad]."""
     return heading_of(quaternion_from_euler(eta[:, 3:]))
 
 
@@ -98,8 +99,8 @@ def finished(flown: Flown) -> bool:
     return bool(np.any(flown.mode[:, 0] == FINISHED))
 
 
-def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Horizontal distance of points (n, 3) to their legs (n, 6), the segments from start to end [m], shape (n,)."""
+def distance_to_leg(position: Float[np.ndarray, "n _"], leg: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, " n"]:
+    """Horizontal distance of points to their legs, the segments from start to end [m]."""
     start, end = leg[:, NORTH_EAST], leg[:, 3:5]
     along = end - start
     length2 = np.sum(along**2, axis=1)
@@ -108,13 +109,13 @@ def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
     return np.hypot(*(offset - share[:, None] * along).T)
 
 
-def after_first_dive(mode: np.ndarray) -> np.ndarray:
-    """Whether the first dive is over, shape (n,), bool: from the first turn, leg, hold or finish on."""
+def after_first_dive(mode: Real[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
+    """Whether the first dive is over: from the first turn, leg, hold or finish on."""
     return np.logical_or.accumulate(np.isin(mode[:, 0], (TURN, GO, HOLD, FINISHED)))
 
 
-def nees(flown: Flown) -> np.ndarray:
-    """Normalised estimation error squared, shape (n, 2): horizontal position (2 dof), pose and velocity (12 dof).
+def nees(flown: Flown) -> Float[np.ndarray, "n 2"]:
+    """Normalised estimation error squared: horizontal position (2 dof), pose and velocity (12 dof).
 
     Bar-Shalom, Li and Kirubarajan (2001), eq. 5.4.2-1.
     """
@@ -123,7 +124,7 @@ def nees(flown: Flown) -> np.ndarray:
     return np.stack([_quadratic_form(e, P) for e, P in both], axis=1)
 
 
-def _quadratic_form(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _quadratic_form(error: Float[np.ndarray, "n k"], covariance: Float[np.ndarray, "n k k"]) -> Float[np.ndarray, " n"]:
     usable = np.all(np.isfinite(covariance), axis=(1, 2)) & np.all(np.isfinite(error), axis=1)
     out = np.full(len(error), np.inf)
     if usable.any():
@@ -134,8 +135,8 @@ def _quadratic_form(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return out
 
 
-def estimate_error(flown: Flown) -> np.ndarray:
-    """Estimate minus truth of [eta, nu], angles wrapped, shape (n, 12)."""
+def estimate_error(flown: Flown) -> Float[np.ndarray, "n 12"]:
+    """Estimate minus truth of [eta, nu], angles wrapped."""
     error = np.concatenate([flown.eta_hat - flown.eta, flown.nu_hat - flown.nu], axis=1)
     error[:, 3:6] = wrapped(error[:, 3:6])
     return error
@@ -201,24 +202,24 @@ def _exertion(flown: Flown) -> dict[str, Any]:
     }
 
 
-def _heading(flown: Flown, settled: np.ndarray) -> float | None:
+def _heading(flown: Flown, settled: Bool[np.ndarray, " n"]) -> float | None:
     if flown.reference is None:
         return None
     return _rms(np.degrees(wrapped(headings(flown.eta[settled]) - headings(flown.reference[settled]))))
 
 
-def _pair(name: str, distance: np.ndarray) -> dict[str, float | None]:
+def _pair(name: str, distance: Float[np.ndarray, " n"]) -> dict[str, float | None]:
     return {
         f"{name}_rms_m": _rms(distance),
         f"{name}_max_m": float(distance.max()) if distance.size else None,
     }
 
 
-def _rms(values: np.ndarray) -> float | None:
+def _rms(values: Float[np.ndarray, "..."]) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
-def _mean(values: np.ndarray) -> float | None:
+def _mean(values: Float[np.ndarray, " n"]) -> float | None:
     return float(np.mean(values)) if values.size else None
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Shaped
 
 from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
@@ -81,8 +82,8 @@ def _stretches(flown: Flown) -> Iterator[tuple[slice, int, int]]:
             yield slice(a, b), int(state[a, 0]), int(state[a, 1])
 
 
-def _left(flown: Flown, rows: slice, phase: int) -> np.ndarray:
-    """What is left to go in a phase, by the estimate [m or rad], shape (n,)."""
+def _left(flown: Flown, rows: slice, phase: int) -> Float[np.ndarray, " n"]:
+    """What is left to go in a phase, by the estimate [m or rad]."""
     eta, leg = flown.eta_hat[rows], flown.leg[rows]
     if phase == DIVE:
         return np.abs(eta[:, 2] - leg[:, 5])
@@ -91,8 +92,8 @@ def _left(flown: Flown, rows: slice, phase: int) -> np.ndarray:
     return np.hypot(*(eta[:, :2] - leg[:, 3:5]).T)
 
 
-def _aside(flown: Flown, rows: slice | np.ndarray) -> np.ndarray:
-    """Heading error, as a size [rad], shape (n,); 0 where no set-point was logged."""
+def _aside(flown: Flown, rows: slice | np.ndarray) -> Float[np.ndarray, " n"]:
+    """Heading error, as a size [rad]; 0 where no set-point was logged."""
     if flown.setpoint is None:
         return np.zeros(len(flown.t[rows]))
     return np.abs(wrapped(flown.eta_hat[rows, 5] - flown.setpoint[rows, 5]))
@@ -155,7 +156,7 @@ def cause(stall: Stall, flown: Flown, scenario: Scenario, model: Model, vehicle:
     return f"{text}: {_advice(stall, flown, rows, scenario, model, point, vehicle)}" if vehicle else text
 
 
-def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model: Model) -> str:
+def _place(stall: Stall, flown: Flown, rows: Shaped[np.ndarray, " rows"], point: Waypoint, model: Model) -> str:
     """Where it was, and how near it came."""
     eta, leg = flown.eta_hat[rows], flown.leg[rows][-1]
     began = f"from {stall.start:.0f} s the vehicle"
@@ -183,7 +184,7 @@ def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model:
     return f"{near}, no nearer than {plain(stall.nearest)} m ({accepted})"
 
 
-def _leaves(eta: np.ndarray, point: Waypoint, model: Model) -> bool:
+def _leaves(eta: Float[np.ndarray, "n 6"], point: Waypoint, model: Model) -> bool:
     """Whether a vehicle went further in one direction, between the first and last quarter, than it moved about."""
     quarter = max(len(eta) // 4, 1)
     first, last = eta[:quarter, :2], eta[-quarter:, :2]
@@ -192,7 +193,7 @@ def _leaves(eta: np.ndarray, point: Waypoint, model: Model) -> bool:
     return way > max(2.0 * about, Limits.of(model).length, 2.0 * (point.acceptance or 0.0))
 
 
-def _asked(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> str:
+def _asked(stall: Stall, flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> str:
     """Mean force or moment that was asked of each axis in question, of what it has."""
     if flown.tau is None:
         return ""
@@ -206,7 +207,7 @@ def _asked(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> str:
 _HEAVE, _YAW = (2, "heave", "N"), (5, "yaw", "N m")
 
 
-def _axes(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> list[tuple[int, str, str]]:
+def _axes(stall: Stall, flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> list[tuple[int, str, str]]:
     """Axes in question: number, name, unit. A dive waits for its depth and for the heading of the leg behind it."""
     if stall.phase == TURN:
         return [_YAW]
@@ -218,18 +219,18 @@ def _axes(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> list[tu
     return [_HEAVE] * (deep or not turned) + [_YAW] * turned
 
 
-def _vertical(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> bool:
+def _vertical(stall: Stall, flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> bool:
     """Whether it is the depth alone that does not get on: no current is to blame for that."""
     return stall.phase == DIVE and _YAW not in _axes(stall, flown, rows, model)
 
 
-def _tilted(flown: Flown, rows: np.ndarray) -> str:
+def _tilted(flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> str:
     mean = dict(zip(("roll", "pitch"), flown.eta_hat[rows, 3:5].mean(axis=0), strict=True))
     tilts = [f"a {name} of {math.degrees(angle):.0f} deg" for name, angle in mean.items() if abs(angle) > TILTED]
     return f"it lay at {' and '.join(tilts)}" if tilts else ""
 
 
-def _misled(flown: Flown, rows: np.ndarray, point: Waypoint) -> str:
+def _misled(flown: Flown, rows: Shaped[np.ndarray, " rows"], point: Waypoint) -> str:
     """Where the truth is known: by how much the filter was wrong, if that alone would explain it."""
     error = float(np.mean(np.hypot(*(flown.eta_hat - flown.eta)[rows, :2].T)))
     return f"the filter was wrong by {plain(error)} m" if error > 2.0 * max(point.acceptance or 0.0, 0.25) else ""
@@ -238,7 +239,7 @@ def _misled(flown: Flown, rows: np.ndarray, point: Waypoint) -> str:
 def _advice(
     stall: Stall,
     flown: Flown,
-    rows: np.ndarray,
+    rows: Shaped[np.ndarray, " rows"],
     scenario: Scenario,
     model: Model,
     point: Waypoint,
@@ -272,7 +273,7 @@ def _advice(
     return f"{raised}, or its speed"
 
 
-def _spent(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> list[str]:
+def _spent(stall: Stall, flown: Flown, rows: Shaped[np.ndarray, " rows"], model: Model) -> list[str]:
     """Names of the axes on which nearly all of the thrust was asked for, on average."""
     if flown.tau is None:
         return []
