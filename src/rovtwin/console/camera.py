@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.console.pictures import RATE, Developer, Give, Picture, Wait
 from rovtwin.core.arrays.rotations import rotation_from_euler
@@ -119,8 +120,8 @@ class Eye:
         self._made: deque[float] = deque(maxlen=WINDOW)
         self._costs: deque[float] = deque(maxlen=WINDOW)
 
-    def picture(self, t: float, eta: np.ndarray) -> Picture:
-        """From a pose, shape (6,)."""
+    def picture(self, t: float, eta: Float[np.ndarray, "6"]) -> Picture:
+        """From a pose."""
         renderer = self._renderer(self._sizes.width)
         begun, cost = time.monotonic(), time.process_time()
         image = renderer.image(eta[:3], rotation_from_euler(eta[3:]))

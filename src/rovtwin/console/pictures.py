@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt8
 
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.processes.child import end, started
@@ -67,8 +68,8 @@ class Developer:
         self._detector = None if scene is None else Detector(scene.layout.dictionary)
         self._hung = set() if scene is None else {marker.id for marker in scene.layout.markers}
 
-    def __call__(self, t: float, image: np.ndarray) -> Picture:
-        """The picture of a time [s] from RGB, uint8, shape (height, width, 3)."""
+    def __call__(self, t: float, image: UInt8[np.ndarray, "height width 3"]) -> Picture:
+        """The picture of a time [s] from RGB, uint8."""
         found = None if self._detector is None else self._detector(image)
         markers = [
             {"id": number, "corners": np.round(corners, 2).tolist()}

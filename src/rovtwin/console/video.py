@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.console.pictures import RATE, Developer, Give, Wait
 from rovtwin.core.errors import ConfigError, LinkError
@@ -71,8 +72,8 @@ class _Reader(threading.Thread):
                 self._image = self._film.retrieve()[1]
         self._ended = True
 
-    def newest(self) -> np.ndarray | None:
-        """RGB, uint8, shape (height, width, 3), at most WIDEST wide; None: nothing since it was last asked.
+    def newest(self) -> Float[np.ndarray, "height width 3"] | None:
+        """RGB, uint8, at most WIDEST wide; None: nothing since it was last asked.
 
         Raises:
             LinkError: The stream ended.

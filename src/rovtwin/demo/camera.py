@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt8
 
 from rovtwin.core.log.pictures import read_pictures
 from rovtwin.core.user_files.config import parse
@@ -106,7 +107,7 @@ def _row(name: str, result: Identification, guess: Vehicle, true: Vehicle) -> li
     return [f"{family.replace('_', ' ')}, {axis} [{unit}]", f"{of[0]:.3g}", text, f"{of[1]:.3g}"]
 
 
-def _picture(folder: Path) -> np.ndarray:
+def _picture(folder: Path) -> UInt8[np.ndarray, "H W 3"]:
     """One of the recorded pictures with its markers drawn in, RGB."""
     cv2 = opencv()
     pictures = [data for _, data in read_pictures(folder / "port_camera.mcap")]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.core.errors import ConfigError, RovtwinError
@@ -194,7 +195,7 @@ def _wave_force(flight: Flight) -> str:
     return f"{force.min():.1f} to {force.max():.1f} N along north"
 
 
-def _horizontal_force(log: Log) -> np.ndarray:
+def _horizontal_force(log: Log) -> Float[np.ndarray, " n"]:
     """External force along north [N], from the body-frame wrench and the heading; roll and pitch are small."""
     wrench, psi = log["truth/external_wrench"], log["truth/eta"]["psi"]
     return wrench["X"] * np.cos(psi) - wrench["Y"] * np.sin(psi)

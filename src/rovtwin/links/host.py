@@ -21,6 +21,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
@@ -86,7 +87,7 @@ def _ended(what: threading.ExceptHookArgs) -> None:
 class _Host:
     """Hands on commands and readings; commands that got old become zeros."""
 
-    def __init__(self, pipe: Connection, link: Link, off: np.ndarray):
+    def __init__(self, pipe: Connection, link: Link, off: Float[np.ndarray, " n"]):
         self._pipe, self._link, self._off = pipe, link, off
         self._came, self._live, self._reported_at, self._slept = 0.0, False, 0.0, _asleep()
         self._received: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
@@ -116,7 +117,7 @@ class _Host:
         self._stopped_at = time.monotonic()
         self._link.stop()
 
-    def _newest(self) -> tuple[float, np.ndarray] | None:
+    def _newest(self) -> tuple[float, Float[np.ndarray, " n"]] | None:
         """The newest command that came, with when it was decided; arming and stopping are done at once."""
         newest = None
         # A twin that runs behind its clock is read again at once.
@@ -151,7 +152,7 @@ class _Host:
         """Whether it was asked to stop and has not been armed since: then zeros go to the link, even if that broke."""
         return self._stopped_at > self._armed_for
 
-    def _obey(self, newest: tuple[float, np.ndarray] | None) -> None:
+    def _obey(self, newest: tuple[float, Float[np.ndarray, " n"]] | None) -> None:
         if (nap := _asleep() - self._slept) > NAP:
             self._link.stop()
             raise LinkError(f"this computer slept for {nap:.0f} s: thrusters are off. Fly again")

@@ -3,6 +3,7 @@
 import abc
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE, Link
@@ -30,8 +31,8 @@ class LocalLink(Link):
             self._u, self._sent = np.clip(u, -1.0, 1.0), self._now()
 
     @property
-    def command(self) -> np.ndarray:
-        """What thrusters are sent now, shape (n,)."""
+    def command(self) -> Float[np.ndarray, " n"]:
+        """What thrusters are sent now."""
         live = not self._stopped and self._now() - self._sent <= COMMAND_LIFE + ROUNDING
         return self._u if live else self._off
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import utc_now
@@ -15,8 +16,8 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import LogWriter
-from rovtwin.core.numerics import Array
 from rovtwin.core.sensors import kind_of
+from rovtwin.core.types import Matrix3
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.live.flight import metadata_of
 from rovtwin.live.readiness import SensorMux, listen
@@ -39,13 +40,13 @@ class Pulse:
 
     Attributes:
         what: In words.
-        command: From -1 to 1, shape (n,); None: nothing is sent, as by a program that hangs.
+        command: From -1 to 1; None: nothing is sent, as by a program that hangs.
         seconds: How long.
         event: Done once as it begins, in place of its first command, as a STOP; None: nothing.
     """
 
     what: str
-    command: np.ndarray | None
+    command: Float[np.ndarray, " n"] | None
     seconds: float
     event: Callable[[], None] | None = None
 
@@ -150,7 +151,7 @@ class _Run:
         guard: Guard,
         thrusters: int,
         names: set[str],
-        rotation: Array | None,
+        rotation: Matrix3 | None,
     ):
         self._link, self._mux, self._clock, self._writer, self._guard = link, mux, clock, writer, guard
         self._dt, self._names = scenario.control_dt, names
@@ -187,7 +188,7 @@ class _Run:
         self._writer.annotate({"spans": to_json(spans)})
         return ended, tuple(spans), self._counts
 
-    def _tick(self, k: int, command: np.ndarray | None, event: Callable[[], None] | None) -> str:
+    def _tick(self, k: int, command: Float[np.ndarray, " n"] | None, event: Callable[[], None] | None) -> str:
         """Wait, read, look, send, log; why it ends, "" while it goes on."""
         self._pace.wait(self._began + k * self._dt, self._clock, self._clock.speed)
         try:
@@ -204,7 +205,7 @@ class _Run:
             self._writer.write(COMMAND, k * self._dt, command)
         return ""
 
-    def _send(self, command: np.ndarray) -> None:
+    def _send(self, command: Float[np.ndarray, " n"]) -> None:
         self._link.send(Command(command))  # type: ignore[arg-type]  (NumPy: it goes to a link)
 
     def _watched(self, readings: Sequence[Measurement]) -> str:

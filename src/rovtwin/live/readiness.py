@@ -5,14 +5,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LinkTimeout
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import quaternion_from_euler, readings_in_body
 from rovtwin.core.link import Link, Source
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import as_array, jnp
 from rovtwin.core.sensors import SENSORS
+from rovtwin.core.types import Matrix3
 from rovtwin.links.registry import built_in
 
 _SOURCES = " or ".join(f"{one.scheme}://.." for one in built_in() if one.source and one.gives_position)
@@ -79,7 +81,7 @@ def listen(
     speed: float = 1.0,
     patience: float = PATIENCE,
     needed: Mapping[str, str] = NEEDED,
-    rotation: Array | None = None,
+    rotation: Matrix3 | None = None,
     position_noise: float = SENSORS["position"].std,
 ) -> Readiness:
     """Listen until every sensor that the autopilot cannot do without has spoken, and all others had their time.
@@ -91,7 +93,7 @@ def listen(
         speed: Of the clock of readings.
         patience: Longest wait [real s].
         needed: Those that the autopilot cannot do without, and where each can come from.
-        rotation: R_bs of the sensor that tells the attitude, shape (3, 3); None where it tells that of b.
+        rotation: R_bs of the sensor that tells the attitude; None where it tells that of b.
         position_noise: Standard deviation of one position, each axis [m].
 
     Raises:
@@ -131,7 +133,9 @@ def _missing(waiting: Mapping[str, str], received: list[str], patience: float) -
     )
 
 
-def _start(received: dict[str, list[np.ndarray]], rotation: Array | None, position_noise: float) -> Start:
+def _start(
+    received: dict[str, list[Float[np.ndarray, " _"]]], rotation: Matrix3 | None, position_noise: float
+) -> Start:
     """Mean of the received positions and depths, and the last attitude, at rest; n begins here where nobody knows."""
     places = received.get("position", [])[-20:]
     north, east = np.mean(places or [np.zeros(2)], axis=0)

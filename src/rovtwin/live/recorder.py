@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Real
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.flow import AutopilotOutput, Measurements
@@ -66,7 +67,7 @@ class _Spool:
             raise LogError(f"{folder}: cannot be written ({error.strerror})") from None
         self._widths: dict[str, int] = {}
 
-    def add(self, columns: dict[str, np.ndarray]) -> None:
+    def add(self, columns: dict[str, Real[np.ndarray, "n ..."]]) -> None:
         """The same names each time, shapes (n, width) or (n,). Raises LogError where the disk is full."""
         blocks = {name: values.reshape(len(values), -1).astype(float) for name, values in columns.items()}
         self._widths = {name: block.shape[1] for name, block in blocks.items()}
@@ -75,7 +76,7 @@ class _Spool:
         except OSError as error:
             raise LogError(f"what the scores are made from cannot be written ({error.strerror})") from None
 
-    def whole(self) -> dict[str, np.ndarray]:
+    def whole(self) -> dict[str, Float[np.ndarray, "_ _"]]:
         """All rows of each name, shapes (n, width)."""
         self._file.seek(0)
         rows = np.frombuffer(self._file.read()).reshape(-1, sum(self._widths.values()))
@@ -100,7 +101,7 @@ class LiveRecorder:
         self._spool = _Spool(folder)
         self._failed: Failure | None = None
 
-    def take(self, measurements: Measurements, decided: AutopilotOutput, host: np.ndarray) -> None:
+    def take(self, measurements: Measurements, decided: AutopilotOutput, host: Float[np.ndarray, "ticks _"]) -> None:
         """Ticks in a row, leading axis ticks, NumPy; `host` has columns HOST."""
         record = Record(None, None, None, measurements, decided)  # type: ignore[arg-type]  (nobody knows the truth)
         k = self._tick + np.arange(len(host))
@@ -124,7 +125,9 @@ class LiveRecorder:
         saturated = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
         self._spool.add({"t": t[logged], "saturated": saturated} | scored)
 
-    def _watch(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> None:
+    def _watch(
+        self, t: Float[np.ndarray, " ticks"], measurements: Measurements, command: Float[np.ndarray, "ticks n"]
+    ) -> None:
         if self._monitor is None or (found := self._monitor.take(t, measurements, command)) is None:
             return
         at = t[-1:]

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import wrapped
 from rovtwin.core.datum import Datum, coordinates_text, datum_of
@@ -89,15 +90,15 @@ class Flight:
         }
 
     @cached_property
-    def anchors(self) -> dict[str, np.ndarray]:
-        """Upper ends of the tethers, north, east, down [m], shape (3,), by name: their first node."""
+    def anchors(self) -> dict[str, Float[np.ndarray, "3"]]:
+        """Upper ends of the tethers, north, east, down [m], by name: their first node."""
         places = {name: series.values[:, :3] for name, series in self.below("truth/tether_shape/").items()}
         known = {name: place[np.isfinite(place).all(axis=1)] for name, place in places.items()}
         return {name: place[0] for name, place in known.items() if len(place)}
 
     @cached_property
-    def charges(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Time [s] and share of the charge that is left, shapes (N,), by the name of the battery."""
+    def charges(self) -> dict[str, tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]]:
+        """Time [s] and share of the charge that is left, by the name of the battery."""
         series = self.get("truth/battery")
         if series is None:
             return {}
@@ -111,8 +112,8 @@ class Flight:
         return dict(sorted(((name, float(t[0])) for name, t in found.items() if len(t)), key=lambda one: one[1]))
 
     @cached_property
-    def fixes(self) -> np.ndarray | None:
-        """Positions as a sensor measured them: north, east [m], shape (N, 2); None when there is no such sensor."""
+    def fixes(self) -> Float[np.ndarray, "N 2"] | None:
+        """Positions as a sensor measured them: north, east [m]; None when there is no such sensor."""
         for name, series in self.sensors.items():
             if any(word in name.lower() for word in _FIX_NAMES) and sensor_values(series).shape[1] >= 2:
                 return sensor_values(series)[:, :2]
@@ -244,8 +245,8 @@ class Flight:
         return coordinates_text(float(latitude), float(longitude))
 
     @cached_property
-    def current(self) -> np.ndarray | None:
-        """Mean horizontal water velocity, north and east [m/s], shape (2,).
+    def current(self) -> Float[np.ndarray, "2"] | None:
+        """Mean horizontal water velocity, north and east [m/s].
 
         None when unknown, nearly still, or lost in what goes to and fro with waves.
         """
@@ -267,8 +268,8 @@ class Flight:
         return None
 
     @cached_property
-    def cross_track(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Time and distance to the commanded path [m], NaN where it does not count, shapes (N,)."""
+    def cross_track(self) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]] | None:
+        """Time and distance to the commanded path [m], NaN where it does not count."""
         series = self.get("score/cross_track")
         if series is None or "distance" not in series.channel.fields:
             return None
@@ -276,24 +277,24 @@ class Flight:
         return series.t, np.where(counts, series["distance"], np.nan)
 
     @cached_property
-    def station(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Time and true horizontal distance to the way-point aimed at [m], shapes (N,)."""
+    def station(self) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]] | None:
+        """Time and true horizontal distance to the way-point aimed at [m]."""
         pose, leg = self.get("truth/eta") or self.get("autopilot/eta"), self.get("autopilot/leg")
         if pose is None or leg is None:
             return None
         return pose.t, np.linalg.norm(pose.values[:, :2] - at(leg, pose.t)[:, 3:5], axis=1)
 
     @cached_property
-    def depth_error(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Time and true (without truth: estimated) minus commanded depth [m], shapes (N,)."""
+    def depth_error(self) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]] | None:
+        """Time and true (without truth: estimated) minus commanded depth [m]."""
         pose, setpoint = self.get("truth/eta") or self.get("autopilot/eta"), self.get("autopilot/setpoint")
         if pose is None or setpoint is None:
             return None
         return pose.t, pose["z"] - at(setpoint, pose.t)[:, 2]
 
     @cached_property
-    def error(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Estimate minus truth at the times of the estimate: t, shape (N,), and pose and velocity, shape (N, 12)."""
+    def error(self) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, "N 12"]] | None:
+        """Estimate minus truth at the times of the estimate: t, then pose and velocity."""
         parts = [(self.get(f"autopilot/{name}"), self.get(f"truth/{name}")) for name in ("eta", "nu")]
         if any(one is None for pair in parts for one in pair):
             return None

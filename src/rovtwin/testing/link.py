@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
@@ -20,7 +21,7 @@ class LinkRig:
         link: Open and, where it has to be, armed.
         wait: Lets so many seconds pass for the vehicle.
         listen: Reads until all that came is read.
-        applied: What the thrusters do now, normalised, shape (3,).
+        applied: What the thrusters do now, normalised.
         times: How often three thrusters are repeated in a command, each time with the same values.
         period: Between two readings of its fastest sensor [s].
     """
@@ -28,7 +29,7 @@ class LinkRig:
     link: Link
     wait: Callable[[float], None]
     listen: Callable[[], list[Measurement]]
-    applied: Callable[[], np.ndarray]
+    applied: Callable[[], Float[np.ndarray, "3"]]
     times: int = 1
     period: float = 0.02
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
 from rovtwin.console.engine.flights import Logbook
@@ -213,8 +214,8 @@ class Engine:
             return self._config.scenario
         return self._config.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
 
-    def steer(self, velocity: np.ndarray) -> None:
-        """The pilot's command: surge, sway, heave [m/s], turn rate [rad/s], shape (4,)."""
+    def steer(self, velocity: Float[np.ndarray, "4"]) -> None:
+        """The pilot's command: surge, sway, heave [m/s], turn rate [rad/s]."""
         self.note_operator()
         self._pilot_command, self._commanded_at = tuple(velocity), time.monotonic()
 

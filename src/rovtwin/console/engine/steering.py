@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, PAUSE, AutopilotOutput, Command, Measurement, Slot
@@ -83,7 +84,7 @@ class Steering(abc.ABC):
         return self._host.output
 
     @property
-    def row(self) -> tuple[np.ndarray, np.ndarray]:
+    def row(self) -> tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]:
         """What the last tick took and gave, for `unpacked`."""
         return self._host.taken, self._host.given
 

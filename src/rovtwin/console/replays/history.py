@@ -10,6 +10,7 @@ import json
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.console.engine.reporting.state import HIDDEN, progress
 from rovtwin.console.replays.replay import Recording
@@ -37,7 +38,7 @@ def history(recording: Recording) -> bytes:
     return len(header).to_bytes(4, "little") + header + rows.tobytes()
 
 
-def _plain(recording: Recording, t: np.ndarray) -> list[Column]:
+def _plain(recording: Recording, t: Float[np.ndarray, " n"]) -> list[Column]:
     tape = recording.tape
     found = [(name, tape[name].values.shape[1], tape[name].at(t)) for name in PLAIN if name in tape]
     if "std" in tape:
@@ -47,7 +48,7 @@ def _plain(recording: Recording, t: np.ndarray) -> list[Column]:
     return found
 
 
-def _course(recording: Recording, t: np.ndarray) -> list[Column]:
+def _course(recording: Recording, t: Float[np.ndarray, " n"]) -> list[Column]:
     """Distance to go, and share of the mission."""
     tape = recording.tape
     if not {"eta", "leg", "mode"} <= tape.keys():
@@ -64,14 +65,14 @@ def _course(recording: Recording, t: np.ndarray) -> list[Column]:
     return [("to_go", 0, to_go), ("progress", 0, np.array(shares))]
 
 
-def _consistency(recording: Recording, t: np.ndarray) -> list[Column]:
+def _consistency(recording: Recording, t: Float[np.ndarray, " n"]) -> list[Column]:
     reports = [recording.consistency.report(at) for at in t.tolist()]
     names = sorted({name for one in reports for name in one})
     nothing = [np.nan] * 4
     return [(f"nis.{name}", 4, np.array([one.get(name, nothing) for one in reports])) for name in names]
 
 
-def _sensors(recording: Recording, t: np.ndarray) -> list[Column]:
+def _sensors(recording: Recording, t: Float[np.ndarray, " n"]) -> list[Column]:
     found = []
     for name, held in recording.readings.items():
         last = held.last(t)
@@ -82,5 +83,5 @@ def _sensors(recording: Recording, t: np.ndarray) -> list[Column]:
     return found
 
 
-def _where(received: np.ndarray, held: Held, t: np.ndarray) -> Any:
+def _where(received: Float[np.ndarray, " k"], held: Held, t: Float[np.ndarray, " n"]) -> Any:
     return np.where(received[:, None], held.at(t), np.nan)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.console.engine.reporting.alerts import alerts
 from rovtwin.console.engine.reporting.setup import SIZE, described, values_of
@@ -109,7 +110,7 @@ class Recording:
         """Way-points of the mission under way at a time [s]; 0 where no autopilot flew."""
         return len(self.waypoints(self.mission_at(t))) if "mode" in self.tape else 0
 
-    def at(self, name: str, t: float) -> np.ndarray | None:
+    def at(self, name: str, t: float) -> Float[np.ndarray, "..."] | None:
         """What the tape has of a name at a time [s]."""
         return self.tape[name].at(t) if name in self.tape else None
 

@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from rovtwin.console.engine.reporting.state import WINDOW, judged
@@ -33,18 +34,18 @@ SOURCES = {  # what the console shows: the channels that have it, the best first
 
 @dataclass(frozen=True)
 class Held:
-    """Samples that hold until the next: times [s], shape (n,), values, shape (n, m), of a sensor what they are."""
+    """Samples that hold until the next: times [s] and values, of a sensor what they are."""
 
-    t: np.ndarray
-    values: np.ndarray
+    t: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, "n m"]
     fields: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
 
-    def at(self, times: ArrayLike) -> np.ndarray:
-        """Values at times [s], shape (..., m); before the first sample it is the first."""
+    def at(self, times: ArrayLike) -> Float[np.ndarray, "*axes m"]:
+        """Values at times [s]; before the first sample it is the first."""
         return self.values[np.maximum(self.last(times), 0)]
 
-    def last(self, times: ArrayLike) -> np.ndarray:
+    def last(self, times: ArrayLike) -> Int[np.ndarray, "*axes"]:
         """Number of the sample that holds at each time; -1 before the first."""
         return np.searchsorted(self.t, times, side="right") - 1
 

@@ -5,6 +5,7 @@ import struct
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Shaped, UInt32
 
 from rovtwin.simulation.scene.bodies import vehicle_meshes
 from rovtwin.simulation.scene.surfaces import Mesh
@@ -30,7 +31,7 @@ def vehicle_glb(vehicle: Vehicle) -> bytes | None:
         return None
     data, views, accessors, primitives, materials = b"", [], [], [], []
 
-    def stored(array: np.ndarray, target: int, kind: str, number: int, **more: Any) -> int:
+    def stored(array: Shaped[np.ndarray, "..."], target: int, kind: str, number: int, **more: Any) -> int:
         nonlocal data
         views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes, "target": target})
         accessor = {"bufferView": len(views) - 1, "componentType": number, "count": len(array), "type": kind}
@@ -62,8 +63,8 @@ def vehicle_glb(vehicle: Vehicle) -> bytes | None:
     return _container(json.dumps(description, separators=(",", ":")).encode(), data)
 
 
-def _joined(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices and normals, shape (n, 3), float32, and indices, shape (m,), uint32."""
+def _joined(meshes: list[Mesh]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], UInt32[np.ndarray, " m"]]:
+    """Vertices and normals, float32, and indices, uint32."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     index = [(mesh.triangles + start).ravel() for mesh, start in zip(meshes, starts, strict=True)]
     vertices, normals = (np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("vertices", "normals"))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 
@@ -29,8 +30,8 @@ class Motors:
     names: tuple[str, ...]
     signs: tuple[int, ...]
 
-    def commands(self, pwm: Sequence[int], thrusters: Sequence[str]) -> np.ndarray:
-        """u in the order of `thrusters`, shape (n,), within +-1; off where a pulse is none (0 or out of range).
+    def commands(self, pwm: Sequence[int], thrusters: Sequence[str]) -> Float[np.ndarray, " n"]:
+        """u in the order of `thrusters`, within +-1; off where a pulse is none (0 or out of range).
 
         Raises:
             LinkError: A thruster has no motor, or there are fewer outputs than motors.

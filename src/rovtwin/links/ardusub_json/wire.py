@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 
@@ -38,19 +39,19 @@ class State:
 
     Attributes:
         timestamp: Time of the physics, going forward [s].
-        gyro: Angular velocity in b [rad/s], shape (3,).
-        specific_force: In b, at the IMU: (0, 0, -9.81) at rest and level [m/s2], shape (3,).
-        position: North, east, down of the place the firmware was started at [m], shape (3,).
-        velocity: Over ground in n [m/s], shape (3,).
-        quaternion: Scalar first, b to n, shape (4,).
+        gyro: Angular velocity in b [rad/s].
+        specific_force: In b, at the IMU: (0, 0, -9.81) at rest and level [m/s2].
+        position: North, east, down of the place the firmware was started at [m].
+        velocity: Over ground in n [m/s].
+        quaternion: Scalar first, b to n.
     """
 
     timestamp: float
-    gyro: np.ndarray
-    specific_force: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    quaternion: np.ndarray
+    gyro: Float[np.ndarray, "3"]
+    specific_force: Float[np.ndarray, "3"]
+    position: Float[np.ndarray, "3"]
+    velocity: Float[np.ndarray, "3"]
+    quaternion: Float[np.ndarray, "4"]
 
 
 def decode_servos(data: bytes) -> Servos:

@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.protobuf import message, parse
@@ -43,7 +44,9 @@ SENSORS = {
 }
 
 
-def parse_telemetry(name: str, payload: bytes, accelerometer_sign: float = 1.0) -> list[tuple[str, np.ndarray]]:
+def parse_telemetry(
+    name: str, payload: bytes, accelerometer_sign: float = 1.0
+) -> list[tuple[str, Float[np.ndarray, " _"]]]:
     """Readings in a telemetry message: sensor and value [SI, radians, FRD], shape (n,). Unknown messages have none.
 
     A message that says of itself that it is not valid has no reading. `battery` comes without its power (0 W).
@@ -128,14 +131,18 @@ def depth_telemetry(depth: float) -> Any:
     return message("DepthTel")(depth={"value": depth})
 
 
-def attitude_telemetry(euler: np.ndarray) -> Any:
+def attitude_telemetry(euler: Float[np.ndarray, "3"]) -> Any:
     """AttitudeTel of zyx Euler angles [rad], shape (3,)."""
     roll, pitch, yaw = np.degrees(euler)
     return message("AttitudeTel")(attitude={"roll": roll, "pitch": pitch, "yaw": yaw})
 
 
 def imu_telemetry(
-    name: str, gyro: np.ndarray | None, force: np.ndarray | None, field: np.ndarray | None, temperature: float
+    name: str,
+    gyro: Float[np.ndarray, "3"] | None,
+    force: Float[np.ndarray, "3"] | None,
+    field: Float[np.ndarray, "3"] | None,
+    temperature: float,
 ) -> Any:
     """CalibratedImuTel, Imu1Tel or Imu2Tel of angular rate [rad/s], specific force [m/s2] and magnetic field [uT].
 
@@ -152,7 +159,7 @@ def imu_telemetry(
     return message(name)(imu=imu | {"temperature": temperature})
 
 
-def dvl_telemetry(velocity: np.ndarray, since: float, altitude: float | None) -> Any:
+def dvl_telemetry(velocity: Float[np.ndarray, "3"], since: float, altitude: float | None) -> Any:
     """DvlVelocityTel of a velocity over ground, FRD [m/s], shape (3,), `since` [s] the last; altitude [m] for beams."""
     x, y, z = DVL_AXES * velocity
     slant = 0.0 if altitude is None else altitude / math.cos(math.radians(22.5))  # beams of a Water Linked A50

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
@@ -280,7 +281,7 @@ class MavlinkLink(Link):
             self._wake.wait(SEND_EVERY)
             self._wake.clear()
 
-    def _live(self, now: float) -> np.ndarray:
+    def _live(self, now: float) -> Float[np.ndarray, "6"]:
         """Axes of the newest command, neutral where it is too old or would mean something else."""
         with self._lock:
             aged = now - self._setpoint_at > COMMAND_LIFE
@@ -288,7 +289,7 @@ class MavlinkLink(Link):
             elsewhere = self._mode != MANUAL.number or now - self._mode_at > STALE_MODE
             return self._neutral if self._stopped or aged or elsewhere else self._setpoint
 
-    def _send_sticks(self, axes: np.ndarray) -> None:
+    def _send_sticks(self, axes: Float[np.ndarray, "6"]) -> None:
         if self._target is None:
             return
         s = self._steering.sticks(axes)

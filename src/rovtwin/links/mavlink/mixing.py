@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import as_array
 from rovtwin.vehicle.physics.thrusters import Thrusters, static_force
@@ -26,17 +27,17 @@ class Mixer:
     """A vehicle's mixing. Picklable.
 
     Attributes:
-        configuration: T, shape (6, n): wrench of unit forces, b at CO.
-        factors: Command of each thruster per unit of each axis, shape (n, 6), of -1, 0 and 1.
+        configuration: T: wrench of unit forces, b at CO.
+        factors: Command of each thruster per unit of each axis, of -1, 0 and 1.
         curves: Force of each thruster at the commands of GRID [N], shape (n, len(GRID)).
     """
 
-    configuration: np.ndarray
-    factors: np.ndarray
-    curves: np.ndarray
+    configuration: Float[np.ndarray, "6 n"]
+    factors: Float[np.ndarray, "n 6"]
+    curves: Float[np.ndarray, "n points"]
 
-    def axes(self, u: np.ndarray) -> np.ndarray:
-        """Axes whose mixing comes closest (least squares) to commands u, shape (n,) -> (6,), within +-1.
+    def axes(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, "6"]:
+        """Axes whose mixing comes closest (least squares) to commands u, within +-1.
 
         A vehicle of more than six thrusters cannot be given every u through six axes; all that a symmetric allocation
         asks for along one axis is met exactly. What does not fit is scaled down as a whole.
@@ -44,8 +45,8 @@ class Mixer:
         desired = np.linalg.pinv(self.factors) @ np.asarray(u, dtype=float)
         return desired / max(1.0, float(np.abs(desired).max()))
 
-    def commands(self, axes: np.ndarray) -> np.ndarray:
-        """Commands u that ArduSub gives the thrusters for axes, shape (6,) -> (n,), within +-1."""
+    def commands(self, axes: Float[np.ndarray, "6"]) -> Float[np.ndarray, " n"]:
+        """Commands u that ArduSub gives the thrusters for axes, within +-1."""
         u = self.factors @ np.asarray(axes, dtype=float)
         upright = np.any(self.factors[:, 2:5] != 0.0, axis=1)
         for group in (upright, ~upright):
@@ -53,24 +54,24 @@ class Mixer:
                 u[group] /= max(1.0, float(np.abs(u[group]).max()))
         return u
 
-    def wrench(self, u: np.ndarray) -> np.ndarray:
-        """tau = T f(u) at rest, shape (n,) -> (6,) [N, N m], b at CO."""
+    def wrench(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, "6"]:
+        """tau = T f(u) at rest [N, N m], b at CO."""
         return self.configuration @ [
             np.interp(command, GRID, curve) for command, curve in zip(u, self.curves, strict=True)
         ]
 
     @property
-    def largest(self) -> np.ndarray:
-        """Force or moment along each axis with that axis alone at 1, shape (6,) [N, N m]; 1 where there is none."""
+    def largest(self) -> Float[np.ndarray, "6"]:
+        """Force or moment along each axis with that axis alone at 1 [N, N m]; 1 where there is none."""
         full = np.array([self.wrench(self.commands(axis))[i] for i, axis in enumerate(np.eye(6))])
         return np.where(full > 1e-9, full, 1.0)
 
-    def motion(self, axes: np.ndarray) -> np.ndarray:
-        """Axes as shares of the largest force or moment (`PilotCommand.motion`), shape (6,) -> (6,)."""
+    def motion(self, axes: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
+        """Axes as shares of the largest force or moment (`PilotCommand.motion`)."""
         return np.clip(self.wrench(self.commands(axes)) / self.largest, -1.0, 1.0)
 
-    def command_of_motion(self, motion: np.ndarray) -> np.ndarray:
-        """Commands of the thrusters whose wrench is `motion` times `largest`, shape (6,) -> (n,): inverts `motion`."""
+    def command_of_motion(self, motion: Float[np.ndarray, "6"]) -> Float[np.ndarray, " n"]:
+        """Commands of the thrusters whose wrench is `motion` times `largest`: inverts `motion`."""
         forces = np.linalg.pinv(self.configuration) @ (np.asarray(motion, dtype=float) * self.largest)
         u = [np.interp(force, curve, GRID) for force, curve in zip(forces, self.curves, strict=True)]
         return np.clip(u, -1.0, 1.0)
@@ -87,11 +88,11 @@ def mixer(thrusters: Thrusters) -> Mixer:
     return Mixer(configuration, factors, curves)
 
 
-def shares(thrusters: Thrusters) -> Callable[[np.ndarray], np.ndarray]:
-    """What `MavlinkLink(axes=...)` takes for a vehicle: commands u, shape (n,), to axes, shape (6,)."""
+def shares(thrusters: Thrusters) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "6"]]:
+    """What `MavlinkLink(axes=...)` takes for a vehicle: commands u to axes."""
     return mixer(thrusters).axes
 
 
-def clean_axes(axes: np.ndarray) -> np.ndarray:
+def clean_axes(axes: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
     """Axes within +-1; what is no number is 0. Shape (6,)."""
     return np.clip(np.nan_to_num(np.asarray(axes, dtype=float), nan=0.0, posinf=0.0, neginf=0.0), -1.0, 1.0)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 from rovtwin.core.errors import ConfigError
@@ -42,15 +43,15 @@ class Lab:
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ConfigError(f"{name}: expected three numbers [m]")
 
-    def to_lab(self, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Place [m], shape (3,), and rotation from body to lab, shape (3, 3), of eta [m, rad], shape (6,)."""
+    def to_lab(self, eta: Float[np.ndarray, "6"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+        """Place [m] and rotation from body to lab of eta [m, rad]."""
         R_nb = rotation_from_euler(eta[3:])
         R_nq = np.array(self.R_nq)
         place = R_nq.T @ (eta[:3] + R_nb @ np.array(self.lever) - np.array(self.origin))
         return place, R_nq.T @ R_nb @ np.array(self.R_bq)
 
-    def to_eta(self, place: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """eta, shape (6,), of a place [m] and a rotation in the lab: the inverse of `to_lab`."""
+    def to_eta(self, place: Float[np.ndarray, "3"], R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
+        """eta of a place [m] and a rotation in the lab: the inverse of `to_lab`."""
         R_nq = np.array(self.R_nq)
         R_nb = R_nq @ R @ np.array(self.R_bq).T
         position = R_nq @ place + np.array(self.origin) - R_nb @ np.array(self.lever)

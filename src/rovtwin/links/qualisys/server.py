@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
@@ -227,7 +228,7 @@ class _Qtm:
         if self.frame and now - self._seen > LOST and self._lost_due(now):
             self._show(now, np.full(3, np.nan), np.full((3, 3), np.nan))
 
-    def _show(self, t: float, place: np.ndarray, R: np.ndarray) -> None:
+    def _show(self, t: float, place: Float[np.ndarray, "3"], R: Float[np.ndarray, "3 3"]) -> None:
         self.frame += 1
         if not self._has_frames:
             return

@@ -8,6 +8,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.extras import require
@@ -168,6 +169,6 @@ class QtmSource(BackgroundSource):
                 self._keep(sensor, value, t_valid)
 
 
-def _is_rotation(R: np.ndarray) -> bool:
+def _is_rotation(R: Float[np.ndarray, "3 3"]) -> bool:
     sane = bool((np.abs(R) < 2.0).all())
     return sane and np.allclose(R @ R.T, np.eye(3), atol=NOT_ROUND) and bool(np.linalg.det(R) > 0.0)

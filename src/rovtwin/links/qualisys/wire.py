@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 
@@ -149,15 +150,17 @@ def event_packet(event: int) -> bytes:
     return packet(EVENT, bytes([event]))
 
 
-def data_packet(t: float, frame: int, components: Sequence[str], place: np.ndarray, R: np.ndarray) -> bytes:
+def data_packet(
+    t: float, frame: int, components: Sequence[str], place: Float[np.ndarray, "3"], R: Float[np.ndarray, "3 3"]
+) -> bytes:
     """One body of one frame.
 
     Args:
         t: Time since the measurement began [s].
         frame: Number of the frame.
         components: Names in COMPONENTS.
-        place: Of the body in the lab [m], shape (3,); NaN for a body that is lost, as QTM has it.
-        R: Maps the body's axes to the lab's, shape (3, 3).
+        place: Of the body in the lab [m]; NaN for a body that is lost, as QTM has it.
+        R: Maps the body's axes to the lab's.
     """
     lost = not (np.isfinite(place).all() and np.isfinite(R).all())
     bodies: dict[str, bytes] = _body(place, R, lost) | _markers(place, R, lost)
@@ -173,7 +176,7 @@ def data_packet(t: float, frame: int, components: Sequence[str], place: np.ndarr
     return packet(DATA, FRAME.pack(stamp, frame % 2**32, len(components)) + b"".join(parts))
 
 
-def _body(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:
+def _body(place: Float[np.ndarray, "3"], R: Float[np.ndarray, "3 3"], lost: bool) -> dict[str, bytes]:
     """The body as each component has it."""
     where = struct.pack("<3f", *((math.nan,) * 3 if lost else 1e3 * place))
     turn = struct.pack("<9f", *((math.nan,) * 9 if lost else R.T.ravel()))  # column by column
@@ -183,7 +186,7 @@ def _body(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:
     return bodies | {"6deuler": where + angles, "6deulerres": where + angles + residual}
 
 
-def _markers(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:
+def _markers(place: Float[np.ndarray, "3"], R: Float[np.ndarray, "3 3"], lost: bool) -> dict[str, bytes]:
     """Its markers likewise: of a body that is lost, those with a label are NaN and those without are not there."""
     places = 1e3 * (place + MARKERS @ R.T)
     labelled, residual = (math.nan,) * 3, math.nan if lost else 0.0
@@ -197,8 +200,8 @@ def _markers(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:
     }
 
 
-def qualisys_euler(R: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw [rad], shape (3,), of Qualisys' standard: about x, then the new y, then the new z.
+def qualisys_euler(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """Roll, pitch, yaw [rad] of Qualisys' standard: about x, then the new y, then the new z.
 
     R = Rx(roll) Ry(pitch) Rz(yaw), whereas Fossen's zyx angles are Rz Ry Rx: near level flight they look alike, and are
     not the same.

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from jaxtyping import Float, Int, Real, UInt8
 
 from rovtwin.core.errors import LogError, exists_already
 from rovtwin.core.frames import readings_in_body
@@ -47,12 +48,12 @@ _QOS = """- history: keep_last
 
 @dataclass
 class Topic:
-    """Messages of one topic: when each is in the bag [ns], shape (N,), and its bytes, shape (N, length), uint8."""
+    """Messages of one topic: when each is in the bag [ns], and its bytes, uint8."""
 
     name: str
     kind: type
-    t: np.ndarray
-    data: np.ndarray
+    t: Int[np.ndarray, " N"]
+    data: UInt8[np.ndarray, "N length"]
 
 
 def export_rosbag2(log: Log, path: str | Path, namespace: str = "rov", overwrite: bool = False) -> Path:
@@ -167,7 +168,7 @@ def _topics(log: Log, root: str) -> Iterator[Topic]:
         yield inertial
 
 
-def _nano(t: np.ndarray) -> np.ndarray:
+def _nano(t: Real[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:
     return np.rint(np.asarray(t) * _NANO).astype(np.int64)
 
 
@@ -179,11 +180,11 @@ def _made(name: str, kind: type, t: Any, t_valid: Any, columns: dict[str, Any], 
     return Topic(name, kind, _nano(t), cdr.encode_many(template, {**stamps, **columns}))
 
 
-def _xyz(path: str, values: np.ndarray, names: str = "xyz") -> dict[str, np.ndarray]:
+def _xyz(path: str, values: Float[np.ndarray, "N k"], names: str = "xyz") -> dict[str, Float[np.ndarray, " N"]]:
     return {f"{path}.{name}": values[:, k] for k, name in enumerate(names)}
 
 
-def _pose(path: str, eta: np.ndarray) -> dict[str, np.ndarray]:
+def _pose(path: str, eta: Float[np.ndarray, "N 6"]) -> dict[str, Float[np.ndarray, " N"]]:
     turned = _xyz(f"{path}.orientation", convert.orientation(eta[:, 3:]), "xyzw")
     return {**_xyz(f"{path}.position", convert.enu(eta[:, :3])), **turned}
 
@@ -257,8 +258,8 @@ def _sheet(log: Log, sensor: str) -> dict[str, Any]:
         return {}
 
 
-def _in_body(log: Log, sensor: str) -> np.ndarray:
-    """Three readings of a sensor, along the axes of b, shape (N, 3); as they are where the log says no mounting."""
+def _in_body(log: Log, sensor: str) -> Float[np.ndarray, "N 3"]:
+    """Three readings of a sensor, along the axes of b; as they are where the log says no mounting."""
     values, rotation = log[f"sensor/{sensor}"].values[:, :3], _sheet(log, sensor).get("rotation")
     if rotation is None or np.allclose(rotation, np.eye(3)):
         return values

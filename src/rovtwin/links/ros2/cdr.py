@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Shaped, UInt8
 
 from rovtwin.links.ros2.messages import layout, ros_name
 
@@ -55,7 +56,7 @@ def encode(message: Any) -> bytes:
     return _ENCAPSULATION + bytes(encoder.body)
 
 
-def encode_many(template: Any, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+def encode_many(template: Any, columns: Mapping[str, Shaped[np.ndarray, "N ..."]]) -> UInt8[np.ndarray, "N length"]:
     """Many messages that differ from a template only in numbers; shape (N, length of one), uint8.
 
     Args:

@@ -15,6 +15,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core import frames
 from rovtwin.core.arrays.rotations import quaternion_from_euler
@@ -47,23 +48,23 @@ class Water:
 # ---------------------------------------------------------------------------------------------------------- frames
 
 
-def _matrix(linear: Any, size: int) -> np.ndarray:
+def _matrix(linear: Any, size: int) -> Float[np.ndarray, "size size"]:
     """The matrix of a linear function of a vector of `size`."""
     return np.stack([np.asarray(linear(row), dtype=float) for row in np.eye(size)], axis=1)
 
 
 @cache
-def _n() -> np.ndarray:
+def _n() -> Float[np.ndarray, "3 3"]:
     return _matrix(frames.ned_to_enu, 3)
 
 
 @cache
-def _b() -> np.ndarray:
+def _b() -> Float[np.ndarray, "3 3"]:
     return _matrix(frames.frd_to_flu, 3)
 
 
 @cache
-def _q() -> tuple[np.ndarray, np.ndarray]:
+def _q() -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "4 4"]]:
     """Attitudes to ROS and back: [w, x, y, z] to [w, x, y, z]."""
     return _matrix(frames.attitude_ned_frd_to_enu_flu, 4), _matrix(frames.attitude_enu_flu_to_ned_frd, 4)
 
@@ -74,34 +75,34 @@ def prepare() -> None:
         made()
 
 
-def enu(vector: Any) -> np.ndarray:
+def enu(vector: Any) -> Float[np.ndarray, "*axes 3"]:
     """A vector or place in n as ROS has it in `map` or `odom`, shape (..., 3)."""
     return np.asarray(vector, dtype=float) @ _n().T
 
 
-def ned(vector: Any) -> np.ndarray:
+def ned(vector: Any) -> Float[np.ndarray, "*axes 3"]:
     """The way back of `enu`: the exchange is its own inverse."""
     return enu(vector)
 
 
-def flu(vector: Any) -> np.ndarray:
+def flu(vector: Any) -> Float[np.ndarray, "*axes 3"]:
     """A vector in b as ROS has it in `base_link`, shape (..., 3)."""
     return np.asarray(vector, dtype=float) @ _b().T
 
 
-def frd(vector: Any) -> np.ndarray:
+def frd(vector: Any) -> Float[np.ndarray, "*axes 3"]:
     """The way back of `flu`: the exchange is its own inverse."""
     return flu(vector)
 
 
-def orientation(euler: Any) -> np.ndarray:
+def orientation(euler: Any) -> Float[np.ndarray, "*axes 4"]:
     """What ROS calls it: quaternions FLU to ENU [x, y, z, w], shape (..., 4), of our Euler angles, shape (..., 3)."""
     q = quaternion_from_euler(euler) @ _q()[0].T
     return np.roll(np.where(q[..., :1] < 0, -q, q), -1, axis=-1)
 
 
-def euler(xyzw: Sequence[float]) -> np.ndarray:
-    """Our Euler angles [rad], shape (3,), of a quaternion of ROS.
+def euler(xyzw: Sequence[float]) -> Float[np.ndarray, "3"]:
+    """Our Euler angles [rad] of a quaternion of ROS.
 
     Raises:
         LinkError: It is none: not finite, or its length is not 1 within 1 %.
@@ -116,7 +117,7 @@ def euler(xyzw: Sequence[float]) -> np.ndarray:
     return np.array([phi, math.asin(sine), math.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))])
 
 
-def euler_to_turn(angles: Any) -> np.ndarray:
+def euler_to_turn(angles: Any) -> Float[np.ndarray, "*axes 3 3"]:
     """d(small rotation about the axes of n) / d(zyx Euler angles), shape (..., 3, 3); Fossen (2021), 2.28 seen in n."""
     _, theta, psi = np.moveaxis(np.asarray(angles, dtype=float), -1, 0)
     ct, st, cp, sp, one, zero = np.cos(theta), np.sin(theta), np.cos(psi), np.sin(psi), np.ones_like(psi), 0 * psi
@@ -124,7 +125,7 @@ def euler_to_turn(angles: Any) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def pose_covariance(covariance: Any, angles: Any) -> np.ndarray:
+def pose_covariance(covariance: Any, angles: Any) -> Float[np.ndarray, "*axes 6 6"]:
     """Covariance of eta, shape (..., 6, 6), as ROS wants it: of x, y, z and turns about these fixed axes (ENU)."""
     jacobian = np.zeros((*np.shape(angles)[:-1], 6, 6))
     jacobian[..., :3, :3] = _n()
@@ -132,7 +133,7 @@ def pose_covariance(covariance: Any, angles: Any) -> np.ndarray:
     return jacobian @ np.asarray(covariance, dtype=float) @ np.swapaxes(jacobian, -1, -2)
 
 
-def twist_covariance(covariance: Any) -> np.ndarray:
+def twist_covariance(covariance: Any) -> Float[np.ndarray, "*axes 6 6"]:
     """Covariance of nu, shape (..., 6, 6), in FLU."""
     turn = np.kron(np.eye(2), _b())
     return turn @ np.asarray(covariance, dtype=float) @ turn.T
@@ -170,7 +171,7 @@ def _flat(matrix: Any) -> tuple[float, ...]:
     return tuple(np.asarray(matrix, dtype=float).ravel().tolist())
 
 
-def diagonal(std: Sequence[float] | None) -> np.ndarray | None:
+def diagonal(std: Sequence[float] | None) -> Float[np.ndarray, "n n"] | None:
     """Covariance of independent errors, or None."""
     return None if std is None else np.diag(np.square(np.asarray(std, dtype=float)))
 

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
@@ -340,7 +341,7 @@ class Ros2Link(Link):
             # Reliable delivery needs a moment in which this end still answers.
             time.sleep(0.1)
 
-    def _command(self, armed: bool, u: np.ndarray) -> None:
+    def _command(self, armed: bool, u: Float[np.ndarray, " n"]) -> None:
         self._transport.publish(self._name(ARM), msg.Bool(armed))
         self._transport.publish(self._name(THRUSTERS), convert.numbers(u))
         if self._wrench is not None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ros2 import convert
@@ -17,8 +18,8 @@ from rovtwin.links.ros2 import messages as msg
 Readings = dict[str, np.ndarray]
 
 
-def finite(what: str, values: Sequence[float]) -> np.ndarray:
-    """Numbers of a message, shape (n,).
+def finite(what: str, values: Sequence[float]) -> Float[np.ndarray, " n"]:
+    """Numbers of a message.
 
     Raises:
         LinkError: One is not finite, or too large to compute with.
@@ -29,11 +30,11 @@ def finite(what: str, values: Sequence[float]) -> np.ndarray:
     return found
 
 
-def _xyz(what: str, vector: Any) -> np.ndarray:
+def _xyz(what: str, vector: Any) -> Float[np.ndarray, "3"]:
     return finite(what, (vector.x, vector.y, vector.z))
 
 
-def _euler(q: msg.Quaternion) -> np.ndarray:
+def _euler(q: msg.Quaternion) -> Float[np.ndarray, "3"]:
     return convert.euler((q.x, q.y, q.z, q.w))
 
 

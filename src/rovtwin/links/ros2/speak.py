@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
@@ -65,14 +66,14 @@ class Speaker:
         for (drone, t), parts in inertial.items():
             self._send(self._topic(drone, "imu"), convert.imu(t, **parts, std=self._server.std, frame=self._base))
 
-    def _odometry(self, t: float, value: np.ndarray) -> msg.Odometry:
+    def _odometry(self, t: float, value: Float[np.ndarray, " k"]) -> msg.Odometry:
         std = self._std("estimate")
         found = convert.odometry(t, value[:6], value[6:12], convert.diagonal(std), self._odom, self._base)
         if self._server.tf:
             self._send("/tf", convert.transforms(found, self._map))
         return found
 
-    def _pressure(self, t: float, value: np.ndarray) -> msg.FluidPressure:
+    def _pressure(self, t: float, value: Float[np.ndarray, " k"]) -> msg.FluidPressure:
         return convert.pressure(t, value[0], self._server.water, self._std("pressure"), self._base)
 
     def _stamp(self, t_valid: float, now: float, speed: float) -> float:

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.waterlinked.fields import flag, number, numbers, read_object, text
@@ -277,8 +278,8 @@ def _is_range_mode(mode: str) -> bool:
     return bool(steps) and len(steps) <= 2 and all(step in ("0", "1", "2", "3", "4") for step in steps)
 
 
-def beam_directions() -> np.ndarray:
-    """Unit vectors along the beams in the DVL's body frame, shape (4, 3)."""
+def beam_directions() -> Float[np.ndarray, "4 3"]:
+    """Unit vectors along the beams in the DVL's body frame."""
     across = math.sin(BEAM_TILT)
     return np.array([[across * math.cos(a), across * math.sin(a), math.cos(BEAM_TILT)] for a in BEAM_AZIMUTHS])
 

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import euler_from_rotation, rotation_from_euler
 
@@ -28,14 +29,14 @@ class Reckoning:
         self.position, self.std = np.zeros(3), 0.0
         self._R_n0 = self._R_nb
 
-    def turn(self, attitude: np.ndarray) -> None:
-        """The newest attitude, zyx Euler [rad], shape (3,); the first one also is that of the start."""
+    def turn(self, attitude: Float[np.ndarray, "3"]) -> None:
+        """The newest attitude, zyx Euler [rad]; the first one also is that of the start."""
         self._R_nb = rotation_from_euler(attitude)
         if not self._turned:
             self._turned, self._R_n0 = True, self._R_nb
 
-    def move(self, velocity: np.ndarray, fom: float, t: float) -> None:
-        """A velocity in b [m/s], shape (3,), valid at t [s], with its figure of merit [m/s]."""
+    def move(self, velocity: Float[np.ndarray, "3"], fom: float, t: float) -> None:
+        """A velocity in b [m/s], valid at t [s], with its figure of merit [m/s]."""
         dt = t - self._t
         if 0.0 < dt <= LONGEST_STEP:
             self.position = self.position + self._R_n0.T @ self._R_nb @ velocity * dt
@@ -43,6 +44,6 @@ class Reckoning:
         self._t = t
 
     @property
-    def attitude(self) -> np.ndarray:
-        """Against the frame of the last reset, zyx Euler [rad], shape (3,)."""
+    def attitude(self) -> Float[np.ndarray, "3"]:
+        """Against the frame of the last reset, zyx Euler [rad]."""
         return euler_from_rotation(self._R_n0.T @ self._R_nb)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.links import registry
 from rovtwin.links.servers.server import Server
@@ -39,12 +40,12 @@ def linear(axis: int, share: float) -> float:
     return share
 
 
-def tipping(model: Model, largest: np.ndarray, given: Given = linear) -> Iterator[Tips]:
+def tipping(model: Model, largest: Float[np.ndarray, "6"], given: Given = linear) -> Iterator[Tips]:
     """The least share of a stick, ahead and sideways, at which pitch or roll does not stay small; nothing below full.
 
     Args:
         model: The vehicle.
-        largest: Wrench along each axis that a full stick may give [N, N m], shape (6,).
+        largest: Wrench along each axis that a full stick may give [N, N m].
         given: What a share of the stick gives.
     """
     steady, rights = stability(model), hang(model).stiffness
@@ -61,7 +62,7 @@ def tipping(model: Model, largest: np.ndarray, given: Given = linear) -> Iterato
                 break
 
 
-def warnings(model: Model, largest: Mapping[str, np.ndarray], given: Given = linear) -> list[str]:
+def warnings(model: Model, largest: Mapping[str, Float[np.ndarray, "6"]], given: Given = linear) -> list[str]:
     """Lines of `tipping`, of all drones of a vehicle together."""
     whole = np.sum([np.asarray(one) for one in largest.values()], axis=0)
     lines = []

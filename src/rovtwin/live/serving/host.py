@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.arrays.rotations import pose
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Index
 from rovtwin.links.servers.pilot_command import PilotCommand
 from rovtwin.live.serving.vehicle import ServedOutput, orders, served_of
 from rovtwin.runs.recording.provenance import own_code
@@ -49,7 +51,9 @@ class ServedVehicle:
         self._orders, self._gives = takes.places(), gives
         self._shown: ServedOutput = gives.places()[0]
 
-        def advance(parameters: Array, before: Array, taken: Array, k: Array) -> Array:
+        def advance(
+            parameters: Float[Array, " _"], before: Float[Array, " _"], taken: Float[Array, " _"], k: Index
+        ) -> Float[Array, " _"]:
             _, memory = gives.unflatten(before)
             memory, output = step(blocks.unflatten(parameters), memory, takes.unflatten(taken), k)
             pose = jnp.concatenate([output.state.position, euler_from_quaternion(output.state.attitude)])
@@ -79,7 +83,7 @@ class ServedVehicle:
         self.tick += 1
         return self._readings(self.given)
 
-    def _write(self, taken: np.ndarray, drone: str, command: PilotCommand) -> None:
+    def _write(self, taken: Float[np.ndarray, " _"], drone: str, command: PilotCommand) -> None:
         order = self._orders[drone]
         taken[order.armed] = command.armed
         taken[order.motion] = command.motion
@@ -87,7 +91,7 @@ class ServedVehicle:
         if command.target is not None:
             taken[order.target], taken[order.aimed] = command.target, 1.0
 
-    def _readings(self, given: np.ndarray) -> list[Measurement]:
+    def _readings(self, given: Float[np.ndarray, " _"]) -> list[Measurement]:
         shown = self._shown
         readings = []
         for name, slot in shown.measurements.items():
@@ -105,7 +109,7 @@ class ServedVehicle:
         return readings
 
     @property
-    def truth(self) -> dict[str, np.ndarray]:
+    def truth(self) -> dict[str, Float[np.ndarray, " _"]]:
         """True eta, nu, shapes (6,), force [N] and command of each thruster, shapes (n,), after the last period."""
         state = self._shown.state
         return {

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.types import PerThruster
 from rovtwin.links.endpoint import Endpoint, Firmware, Where
 from rovtwin.live.serving.truth_log import truth_log
 from rovtwin.live.serving.vehicle import require_no_own_autopilot
@@ -63,7 +65,7 @@ class FirmwarePhysics:
         twin = simulation.loop.twin
         self._begin = (twin.world.init(simulation.key, simulation.start), State.at(twin.model, simulation.start))
 
-        def step(model: Any, world: Any, memory: Any, u: Array, dt: float) -> tuple[Any, Array]:
+        def step(model: Any, world: Any, memory: Any, u: PerThruster, dt: float) -> tuple[Any, Float[Array, " _"]]:
             after, state = memory
             after, water = world.step(after, state, dt)
             state = plant_step(model, state, Command(u), water, dt)
@@ -88,7 +90,7 @@ class FirmwarePhysics:
         return self._memory[1]
 
     @property
-    def truth(self) -> dict[str, np.ndarray]:
+    def truth(self) -> dict[str, Float[np.ndarray, " _"]]:
         """True eta, nu, shapes (6,), force [N] and command of each thruster, shapes (n,), after the last step."""
         state = self.state
         eta = np.concatenate([state.position, euler_from_quaternion(state.attitude)])

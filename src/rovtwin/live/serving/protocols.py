@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.yamlfile import read_yaml
@@ -25,7 +26,7 @@ class Servable(Protocol):
     """A vehicle that can be served; see `host.ServedVehicle`."""
 
     drones: tuple[str, ...]
-    largest: dict[str, np.ndarray]
+    largest: dict[str, Float[np.ndarray, "6"]]
 
 
 def world_for(what: str, overrides: Sequence[str], seed: int | None) -> Scenario:

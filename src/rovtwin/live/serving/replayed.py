@@ -9,8 +9,9 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import readings_in_body
 from rovtwin.core.log import Log
-from rovtwin.core.numerics import Array, as_array
+from rovtwin.core.numerics import as_array
 from rovtwin.core.sensors import kind_of
+from rovtwin.core.types import Matrix3
 from rovtwin.core.user_files.yamlfile import parse_yaml
 from rovtwin.links.replay import readings_of
 from rovtwin.links.servers.pilot_command import PilotCommand
@@ -52,7 +53,7 @@ class ReplayedVehicle:
         self._ticks, self._loop = int(np.floor(self._arrivals[-1] / self.dt + EARLY)) + 1, loop
         self._tick = 0
 
-    def _turn(self, name: str, rotation: Array) -> None:
+    def _turn(self, name: str, rotation: Matrix3) -> None:
         """A sensor's readings along the axes of b, as a vehicle tells them."""
         its = [i for i, reading in enumerate(self._readings) if reading.sensor == name]
         if its:

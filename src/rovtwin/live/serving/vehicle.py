@@ -5,12 +5,14 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Estimate, Measurements
 from rovtwin.core.frames import readings_in_body
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.types import Index, Matrix3, PRNGKey, Vector6
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.runs.compose.autopilot import navigation_filter
 from rovtwin.runs.compose.composition import Simulation, compose, vehicle_of
@@ -46,14 +48,14 @@ class ServedOutput(eqx.Module):
         measurements: Readings delivered within it, those of imus along the axes of b; a drone's as `port/attitude`.
         estimate: The estimate of the vehicle's own filter, before it.
         command: Of all thrusters during it.
-        tau: Wrench that each drone's controller asked for, b at the drone [N, N m], by drone, shape (6,).
+        tau: Wrench that each drone's controller asked for, b at the drone [N, N m], by drone.
     """
 
     state: State
     measurements: Measurements
     estimate: Estimate
     command: Command
-    tau: dict[str, Array]
+    tau: dict[str, Vector6]
 
 
 class Served(eqx.Module):
@@ -64,8 +66,8 @@ class Served(eqx.Module):
         filter: Of the whole vehicle, fed with the first drone's sensors.
         senses: What each drone knows of itself; empty for a vehicle that is one: it has the filter.
         onboards: Each drone's controller.
-        rotations: R_bs of the twin's imus that do not point along b, by sensor, shape (3, 3): a vehicle turns their
-            readings before its filter, its controllers and its clients get them. A DVL tells along its own axes.
+        rotations: R_bs of the twin's imus that do not point along b, by sensor: a vehicle turns their readings before
+            its filter, its controllers and its clients get them. A DVL tells along its own axes.
         places: Which of the twin's thrusters are a drone's, by drone.
     """
 
@@ -73,14 +75,14 @@ class Served(eqx.Module):
     filter: Any
     senses: dict[str, Sense]
     onboards: dict[str, Onboard]
-    rotations: dict[str, Array]
+    rotations: dict[str, Matrix3]
     places: dict[str, tuple[int, ...]] = eqx.field(static=True)
 
     @property
     def drones(self) -> tuple[str, ...]:
         return tuple(self.places)
 
-    def init(self, key: Array, start: Start) -> ServedMemory:
+    def init(self, key: PRNGKey, start: Start) -> ServedMemory:
         """Memory before tick 0: no reading has come yet."""
         return ServedMemory(
             twin=self.twin.init(key, start),
@@ -92,7 +94,7 @@ class Served(eqx.Module):
         )
 
     def tick(
-        self, memory: ServedMemory, orders: dict[str, Order], k: Array, dt: float
+        self, memory: ServedMemory, orders: dict[str, Order], k: Index, dt: float
     ) -> tuple[ServedMemory, ServedOutput]:
         """One control period; an order for each drone."""
         measured = _of_drone(memory.measurements, self.drones[0])
@@ -184,14 +186,14 @@ def served_of(scenario: Scenario) -> tuple[Served, Simulation]:
     return served, simulation
 
 
-def drones_of(vehicle: Vehicle) -> dict[str, np.ndarray]:
-    """Drones that a vehicle is made of and where they are in b [m], shape (3,); one without a name if it is one."""
+def drones_of(vehicle: Vehicle) -> dict[str, Float[np.ndarray, "3"]]:
+    """Drones that a vehicle is made of and where they are in b [m]; one without a name if it is one."""
     surge = [t for t in vehicle.assembly.thrusters if t.item.name == "surge"]
     places = {t.name.rpartition(".")[0]: t.placement.position for t in surge}
     return {"": np.zeros(3)} if len(places) < 2 or "" in places else places
 
 
-def _sensors(simulation: Simulation, drones: dict[str, np.ndarray]) -> dict[str, Sensor]:
+def _sensors(simulation: Simulation, drones: dict[str, Float[np.ndarray, "3"]]) -> dict[str, Sensor]:
     """Sensors of the whole vehicle, and each drone's own: those that fly, at the same place of each drone."""
     sensors = simulation.loop.twin.sensors
     if len(drones) == 1:
@@ -207,7 +209,7 @@ def _sensors(simulation: Simulation, drones: dict[str, np.ndarray]) -> dict[str,
     return {name: sensor for name, sensor in sensors.items() if name not in OF_A_DRONE} | own
 
 
-def _onboard(model: Model, places: tuple[int, ...], origin: np.ndarray, drones: int) -> Onboard:
+def _onboard(model: Model, places: tuple[int, ...], origin: Float[np.ndarray, "3"], drones: int) -> Onboard:
     """A drone's controller: its thrusters seen from its origin, its share of the whole's inertia."""
     chosen = _chosen(model.thrusters, places)
     T = np.asarray(chosen.configuration)

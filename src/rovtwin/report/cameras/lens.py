@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.vehicle.physics.camera import Lens
@@ -11,13 +12,15 @@ BLUE, RED, GREEN = "#1f5a87", "#c0392b", "#3a8a4d"
 _SHOWN = (5.0, 3e3)  # errors of positions [mm]
 
 
-def residual_figure(lens: Lens, points: np.ndarray, residuals: np.ndarray, magnified: float = 100.0) -> Figure:
+def residual_figure(
+    lens: Lens, points: Float[np.ndarray, "n 2"], residuals: Float[np.ndarray, "n 2"], magnified: float = 100.0
+) -> Figure:
     """Residuals as arrows where they are, and how large they are from the middle outwards.
 
     Args:
         lens: As calibrated.
-        points: Corners as found [px], shape (n, 2).
-        residuals: Found minus predicted [px], shape (n, 2).
+        points: Corners as found [px].
+        residuals: Found minus predicted [px].
         magnified: How many times longer than they are they are drawn.
     """
     figure = Figure(figsize=(9.5, 3.9), layout="constrained")
@@ -41,12 +44,12 @@ def residual_figure(lens: Lens, points: np.ndarray, residuals: np.ndarray, magni
     return figure
 
 
-def port_figure(distance: np.ndarray, error: Mapping[str, np.ndarray]) -> Figure:
+def port_figure(distance: Float[np.ndarray, " n"], error: Mapping[str, Float[np.ndarray, " n"]]) -> Figure:
     """Errors of positions against distance.
 
     Args:
-        distance: From the camera to the markers [m], shape (n,).
-        error: rms [m], shape (n,), by how the port is dealt with.
+        distance: From the camera to the markers [m].
+        error: rms [m], by how the port is dealt with.
     """
     figure = Figure(figsize=(7.2, 4.2), layout="constrained")
     axis = figure.subplots()

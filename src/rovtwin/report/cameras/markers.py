@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Shaped
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -115,7 +116,7 @@ def write_markers(path: Path, dictionary: str, ids: list[int], size: float, page
     return len(pages)
 
 
-def _page(plan: Sheet, patterns: dict[int, np.ndarray], dictionary: str, size: float) -> Figure:
+def _page(plan: Sheet, patterns: dict[int, Shaped[np.ndarray, "side side"]], dictionary: str, size: float) -> Figure:
     """One page; its axes count metres from the lower left corner of the paper."""
     figure = Figure(figsize=(plan.width / _INCH, plan.height / _INCH), facecolor="white")
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, plan.width), ylim=(0, plan.height))
@@ -127,7 +128,7 @@ def _page(plan: Sheet, patterns: dict[int, np.ndarray], dictionary: str, size: f
     return figure
 
 
-def _marker(axes: Axes, x: float, y: float, board: float, black: np.ndarray, label: str) -> None:
+def _marker(axes: Axes, x: float, y: float, board: float, black: Shaped[np.ndarray, "side side"], label: str) -> None:
     cells = len(black)
     cell = board / (cells + 2)
     for row in range(cells):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 
 from rovtwin.report.parts.style import SERIES, SMALL, dress, line, new_figure, note
@@ -13,20 +14,20 @@ class Seen:
     """A filmed run.
 
     Attributes:
-        picture: One of its pictures, RGB, uint8, shape (H, W, 3).
-        t: Times of the track [s], shape (n,).
-        x: Its position north [m], shape (n,).
-        velocity: Its velocity north [m/s], shape (n,).
-        truth_t, truth_x: The truth [s], [m], shapes (m,).
+        picture: One of its pictures, RGB, uint8.
+        t: Times of the track [s].
+        x: Its position north [m].
+        velocity: Its velocity north [m/s].
+        truth_t, truth_x: The truth [s], [m].
         rms: Of the track's error [m].
     """
 
-    picture: np.ndarray
-    t: np.ndarray
-    x: np.ndarray
-    velocity: np.ndarray
-    truth_t: np.ndarray
-    truth_x: np.ndarray
+    picture: UInt8[np.ndarray, "H W 3"]
+    t: Float[np.ndarray, " n"]
+    x: Float[np.ndarray, " n"]
+    velocity: Float[np.ndarray, " n"]
+    truth_t: Float[np.ndarray, " m"]
+    truth_x: Float[np.ndarray, " m"]
     rms: float
 
 

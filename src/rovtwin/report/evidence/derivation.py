@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -32,10 +33,10 @@ class Curve(Protocol):
     """What is drawn: `sd` of y makes a band of 95 %."""
 
     label: str
-    x: np.ndarray
-    y: np.ndarray
+    x: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, " n"]
     kind: str
-    sd: np.ndarray | None
+    sd: Float[np.ndarray, " n"] | None
 
 
 def draw(panels: Sequence[Any]) -> Figure:

@@ -1,6 +1,7 @@
 """The panels of a body, coloured by the pressure of the water that it accelerates."""
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
@@ -12,12 +13,14 @@ from rovtwin.report.parts.style import FONT, SMALL, TINY, new_figure
 _WAYS = ("surge", "sway", "heave")
 
 
-def surface_figure(corners: np.ndarray, pressure: np.ndarray, title: str = "") -> Figure:
+def surface_figure(
+    corners: Float[np.ndarray, "m 4 3"], pressure: Float[np.ndarray, "m directions"], title: str = ""
+) -> Figure:
     """One view for each translation.
 
     Args:
-        corners: Of the panels in b [m], shape (m, 4, 3).
-        pressure: For unit acceleration in each direction [Pa s2/m], shape (m, 6) or (m, 3).
+        corners: Of the panels in b [m].
+        pressure: For unit acceleration in each direction [Pa s2/m].
         title: Above.
     """
     figure = new_figure(3.0)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.report.parts.style import BLACK, BLUE, GREY, ORANGE, SMALL, dress, limits, new_figure, series_colours
@@ -35,13 +36,15 @@ def thrust_figure(tests: Sequence[Any]) -> Figure:
     return figure
 
 
-def thrust_and_damping_figure(joint: Any, command: np.ndarray, velocity: np.ndarray, dof: str) -> Figure:
+def thrust_and_damping_figure(
+    joint: Any, command: Float[np.ndarray, " n"], velocity: Float[np.ndarray, " n"], dof: str
+) -> Figure:
     """Thrust over command beside damping over speed.
 
     Args:
         joint: `rovtwin.identification.steady.thrust_damping.JointFit`.
-        command: Shares of full, shape (n,).
-        velocity: [m/s or rad/s], shape (n,).
+        command: Shares of full.
+        velocity: [m/s or rad/s].
         dof: surge to yaw.
     """
     speed, unit = ("rad/s", "N m") if dof in ("roll", "pitch", "yaw") else ("m/s", "N")

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -147,7 +148,7 @@ def added_mass_figure(now: Curves, before: Curves) -> Figure:
     return figure
 
 
-def correlation_figure(names: Sequence[str], covariance: np.ndarray) -> Figure:
+def correlation_figure(names: Sequence[str], covariance: Float[np.ndarray, "n n"]) -> Figure:
     """Correlations of the estimate as a map; columns carry the numbers of the rows."""
     std = np.sqrt(np.diag(covariance))
     n = len(names)

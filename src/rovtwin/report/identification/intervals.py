@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -19,7 +20,7 @@ _WIDEST = 6.0  # standard deviations of the prior; what lies farther off is draw
 _TRUE: dict[str, Any] = {"color": ORANGE, "marker": "x", "linestyle": "none", "markersize": 4.5, "zorder": 5}
 
 
-def intervals_figure(result: Any, chosen: Sequence[int], truth: np.ndarray) -> Figure:
+def intervals_figure(result: Any, chosen: Sequence[int], truth: Float[np.ndarray, " chosen"]) -> Figure:
     """95 % intervals as distances from the middle of the prior, in its standard deviations, a row each.
 
     Args:

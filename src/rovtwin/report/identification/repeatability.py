@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.report.identification.tables import number, pretty
 from rovtwin.report.identification.words import is_coupling
@@ -46,5 +47,5 @@ def _alone(parameter: Any, theta: float, std: float) -> str:
     return f"{number(float(parameter.value(theta)), 3)} ± {number(0.5 * (high - low), 2)}"
 
 
-def _rms(x: np.ndarray) -> float:
+def _rms(x: Float[np.ndarray, "..."]) -> float:
     return float(np.sqrt(np.mean(x**2)))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from rovtwin.core.user_files.quantity import plain
 from rovtwin.report.identification.test_figures import component_name, how, scaled, unit_of
@@ -245,7 +246,7 @@ def correlated_table(result: Any) -> Table:
     return Table("Known together only", ["Parameters", "Their errors"], rows, f"Correlations beyond ±{_STRONG}.")
 
 
-def _joined(strong: np.ndarray) -> list[list[int]]:
+def _joined(strong: Bool[np.ndarray, "n n"]) -> list[list[int]]:
     """Members of each group of more than one that a chain of strong pairs joins."""
     left, groups = set(range(len(strong))), []
     while left:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -95,7 +96,9 @@ def _component(axes: Axes, predictions: Sequence[Any], name: str) -> None:
         line(axes, t, scaled(name, _broken(prediction.window, t, y + gap)), points=5000, **look)
 
 
-def _broken(window: float | None, t: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _broken(
+    window: float | None, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ..."]
+) -> Float[np.ndarray, "n ..."]:
     """With a gap at each restart, so that jumps back to the readings aren't drawn as motion."""
     if window is None or len(t) < 2:
         return y

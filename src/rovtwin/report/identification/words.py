@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.report.identification.parameter_words import what_teaches
 from rovtwin.report.parts.curves import DIRECTIONS, SPEED_UNITS, Curves
@@ -151,7 +152,7 @@ def excitation(result: Any) -> list[str]:
     return out
 
 
-def _shared(result: Any, i: int, correlation: np.ndarray, ratio: float) -> str:
+def _shared(result: Any, i: int, correlation: Float[np.ndarray, "n n"], ratio: float) -> str:
     """Of a parameter that was excited, but is not learnt: what it is mixed up with."""
     names = result.parameters.names
     for number, blind in enumerate(result.blind, start=1):

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.types import Vector6
 from rovtwin.vehicle.physics.dynamics import damping_wrench
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import static_force
@@ -28,22 +30,22 @@ class Subject:
 
     Attributes:
         label: For legends.
-        model_at: The model at given coordinates, shape (n,); differentiable.
-        theta: Where it is, shape (n,).
-        covariance: Of theta, shape (n, n); None: nothing is said about how well it is known.
+        model_at: The model at given coordinates; differentiable.
+        theta: Where it is.
+        covariance: Of theta; None: nothing is said about how well it is known.
         groups: Indices of thrusters that share a curve, by name.
         tested: Ranges of speed by direction and of command by `thrusters.GROUP`; empty where nobody tested.
     """
 
     label: str
     model_at: Callable[[Array], Model]
-    theta: np.ndarray
-    covariance: np.ndarray | None
+    theta: Float[np.ndarray, " n"]
+    covariance: Float[np.ndarray, "n n"] | None
     groups: Mapping[str, tuple[int, ...]]
     tested: Mapping[str, Sequence[float]]
 
-    def draws(self, count: int = DRAWS, seed: int = 0) -> np.ndarray:
-        """Theta itself, then draws in pairs about it, shape (1 + count, n); (1, n) without a covariance."""
+    def draws(self, count: int = DRAWS, seed: int = 0) -> Float[np.ndarray, "draws n"]:
+        """Theta itself, then draws in pairs about it; itself alone without a covariance."""
         if self.covariance is None:
             return self.theta[None]
         # By eigenvalues: a covariance that was rounded for a file may be a shade from positive definite.
@@ -55,16 +57,16 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One curve: x, y and the ends of its 95 % band, each shape (m,); NaN where nothing is said of its width."""
+    """One curve: x, y and the ends of its 95 % band; NaN where nothing is said of its width."""
 
-    x: np.ndarray
-    y: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    x: Float[np.ndarray, " m"]
+    y: Float[np.ndarray, " m"]
+    low: Float[np.ndarray, " m"]
+    high: Float[np.ndarray, " m"]
 
     @property
-    def half_width(self) -> np.ndarray:
-        """Half the band over the value, shape (m,); NaN where the value is zero."""
+    def half_width(self) -> Float[np.ndarray, " m"]:
+        """Half the band over the value; NaN where the value is zero."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.y != 0, (self.high - self.low) / 2 / np.abs(self.y), np.nan)
 
@@ -84,13 +86,15 @@ class Curves:
         return found or list(range(len(DIRECTIONS)))
 
 
-def curves(subject: Subject, speeds: Mapping[str, np.ndarray], commands: np.ndarray) -> Curves:
+def curves(
+    subject: Subject, speeds: Mapping[str, Float[np.ndarray, " _"]], commands: Float[np.ndarray, " k"]
+) -> Curves:
     """Curves of a subject.
 
     Args:
         subject: See `Subject`.
         speeds: By direction [m/s, rad/s], each shape (m,): motion in this direction alone.
-        commands: u, shape (k,); thrust is that of one thruster of each group.
+        commands: u; thrust is that of one thruster of each group.
     """
     nu = np.zeros((6, len(next(iter(speeds.values()))), 6))
     for i, name in enumerate(DIRECTIONS):
@@ -106,7 +110,9 @@ def curves(subject: Subject, speeds: Mapping[str, np.ndarray], commands: np.ndar
 def _evaluated(model_at: Callable[[Array], Model]) -> Any:
     """Compiled: damping (d, 6, m, 6), thrust (d, k, n) and the diagonal of M_A (d, 6) of d draws."""
 
-    def one(theta: Array, nu: Array, commands: Array) -> tuple[Array, Array, Array]:
+    def one(
+        theta: Float[Array, " n"], nu: Float[Array, "6 m 6"], commands: Float[Array, " k"]
+    ) -> tuple[Float[Array, "6 m 6"], Float[Array, "k t"], Vector6]:
         model = model_at(theta)
         forces = jax.vmap(jax.vmap(lambda v: damping_wrench(model, v)))(nu)
         everywhere = jnp.broadcast_to(commands[:, None], (len(commands), model.thrusters.count))
@@ -115,7 +121,7 @@ def _evaluated(model_at: Callable[[Array], Model]) -> Any:
     return jax.jit(jax.vmap(one, in_axes=(0, None, None)))
 
 
-def _curve(x: np.ndarray, values: np.ndarray) -> Curve:
+def _curve(x: Float[np.ndarray, " m"], values: Float[np.ndarray, "draws m"]) -> Curve:
     """From the value itself in the first row and draws in the others."""
     if len(values) == 1:
         nothing = np.full(values.shape[1], np.nan)
@@ -126,7 +132,9 @@ def _curve(x: np.ndarray, values: np.ndarray) -> Curve:
     return Curve(x, values[0], low, high)
 
 
-def speed_grid(ranges: Sequence[Sequence[float]], otherwise: Sequence[float], points: int = 81) -> np.ndarray:
+def speed_grid(
+    ranges: Sequence[Sequence[float]], otherwise: Sequence[float], points: int = 81
+) -> Float[np.ndarray, " points"]:
     """Speeds from the least to the largest of some ranges, zero among them; `otherwise` where there are none."""
     given = [r for r in ranges if r] or [otherwise]
     low, high = min(0.0, *(r[0] for r in given)), max(0.0, *(r[1] for r in given))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Shaped
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -32,14 +33,14 @@ class Panels:
 
     Attributes:
         figure: The figure.
-        axes: Panels, shape (rows, columns).
+        axes: Panels.
         handles: What the legend holds.
         phases: Phases that the legend has to name, because the ribbon has no room for them.
         faults: Whether faults are marked.
     """
 
     figure: Figure
-    axes: np.ndarray
+    axes: Shaped[np.ndarray, "rows columns"]
     handles: list[Artist] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
     faults: bool = False

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -197,16 +198,18 @@ def fault_patch() -> Patch:
     return Patch(facecolor="#f4dfe2", edgecolor=FAULT, linewidth=0.8, label="Fault, by number")
 
 
-def thin(t: np.ndarray, y: np.ndarray, points: int = 1400) -> tuple[np.ndarray, np.ndarray]:
+def thin(
+    t: Float[np.ndarray, " N"], y: Float[np.ndarray, " N"], points: int = 1400
+) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, " M"]]:
     """A long series with few points that looks the same: the least and the largest value of each bin.
 
     Args:
-        t: Times, shape (N,).
-        y: Values, shape (N,); NaN is a gap.
+        t: Times.
+        y: Values; NaN is a gap.
         points: About how many to keep.
 
     Returns:
-        Times and values, shape (about `points`,), in order of time; the series itself when it is short.
+        Times and values, in order of time; the series itself when it is short.
     """
     if len(t) <= points:
         return t, y
@@ -221,13 +224,13 @@ def thin(t: np.ndarray, y: np.ndarray, points: int = 1400) -> tuple[np.ndarray, 
     return t[index], y[index]
 
 
-def line(axes: Axes, t: np.ndarray, y: np.ndarray, points: int = 1400, **style: Any) -> None:
+def line(axes: Axes, t: Float[np.ndarray, " N"], y: Float[np.ndarray, " N"], points: int = 1400, **style: Any) -> None:
     """A thinned line."""
     axes.plot(*thin(t, y, points), **({"linewidth": 0.9, "solid_joinstyle": "round"} | style))
 
 
 def limits(
-    *values: np.ndarray, share: float = 0.998, least: float = 1e-9, symmetric: bool = False
+    *values: Float[np.ndarray, "..."], share: float = 0.998, least: float = 1e-9, symmetric: bool = False
 ) -> tuple[float, float]:
     """Limits of an axis that show `share` of the finite values and a margin, at least `least` wide on either side."""
     finite = np.concatenate([np.asarray(v, float).ravel() for v in values] or [np.zeros(1)])

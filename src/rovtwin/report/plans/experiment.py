@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -33,31 +34,31 @@ class PlannedTest:
 
     Attributes:
         title: For people.
-        t: [s], shape (n,).
-        shares: Command on each axis, shape (n, k); names in `axes`.
+        t: [s].
+        shares: Command on each axis; names in `axes`.
         axes: Names of those axes, k of them.
-        position: CO along the path, n [m], shape (n, 3).
+        position: CO along the path, n [m].
         tank: Length, width, depth [m]; the start is in the middle.
         names: Of the parameters.
-        prior: Standard deviation before, shape (p,).
+        prior: Standard deviation before.
         plan: Expected after it.
         steady: Expected after the thesis's steady steps in the same time.
-        minutes: Whole minutes of the test, shape (m,).
-        left: Geometric mean of the standard deviation over the prior's after each, shape (m,).
+        minutes: Whole minutes of the test.
+        left: Geometric mean of the standard deviation over the prior's after each.
     """
 
     title: str
-    t: np.ndarray
-    shares: np.ndarray
+    t: Float[np.ndarray, " n"]
+    shares: Float[np.ndarray, "n k"]
     axes: Sequence[str]
-    position: np.ndarray
+    position: Float[np.ndarray, "n 3"]
     tank: tuple[float, float, float]
     names: Sequence[str]
-    prior: np.ndarray
-    plan: np.ndarray
-    steady: np.ndarray
-    minutes: np.ndarray
-    left: np.ndarray
+    prior: Float[np.ndarray, " p"]
+    plan: Float[np.ndarray, " p"]
+    steady: Float[np.ndarray, " m"]
+    minutes: Float[np.ndarray, " m"]
+    left: Float[np.ndarray, " m"]
 
 
 def draw_test_plan(test: PlannedTest) -> Figure:

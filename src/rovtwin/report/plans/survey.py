@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -31,16 +32,16 @@ class SurveyPicture:
         area: To be surveyed, with holes.
         seen: Within the swath.
         gaps: Not seen.
-        points: The way, shape (n, 2) [m].
-        sees: Whether each leg is a line or a lap rather than a lead or a way between, shape (n - 1,), bool.
+        points: The way [m].
+        sees: Whether each leg is a line or a lap rather than a lead or a way between.
     """
 
     title: str
     area: Any
     seen: Any
     gaps: Any
-    points: np.ndarray
-    sees: np.ndarray
+    points: Float[np.ndarray, "n 2"]
+    sees: Bool[np.ndarray, " legs"]
 
 
 def draw_survey(survey: SurveyPicture) -> Figure:
@@ -59,7 +60,7 @@ def draw_survey(survey: SurveyPicture) -> Figure:
     return figure
 
 
-def _extent(survey: SurveyPicture) -> tuple[np.ndarray, np.ndarray]:
+def _extent(survey: SurveyPicture) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     bounds = np.array(survey.area.bounds).reshape(2, 2)
     low, high = np.minimum(bounds[0], survey.points.min(0)), np.maximum(bounds[1], survey.points.max(0))
     margin = 0.03 * float((high - low).max())
@@ -88,7 +89,7 @@ def _fill(axes: Axes, region: Any, style: dict[str, Any]) -> None:
             axes.add_patch(PathPatch(Outline.make_compound_path(*rings), **style))
 
 
-def _east_north(coords: Any) -> np.ndarray:
+def _east_north(coords: Any) -> Float[np.ndarray, "n 2"]:
     return np.asarray(coords)[:, [1, 0]]
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -151,7 +152,7 @@ def errors(flights: Mapping[str, Flight]) -> Figure:
     return figure
 
 
-def _distribution(axes: Axes, values: np.ndarray, colour: str) -> None:
+def _distribution(axes: Axes, values: Float[np.ndarray, "..."], colour: str) -> None:
     """The share [%] of the values whose size is at most x."""
     size = np.sort(np.abs(values[np.isfinite(values)]))
     if size.size:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
@@ -58,7 +59,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f} %" if 0.99 <= share < 1 else f"{100 * share:.0f} %"
 
 
-def _share(hits: np.ndarray, values: np.ndarray) -> float:
+def _share(hits: Bool[np.ndarray, "..."], values: Float[np.ndarray, "..."]) -> float:
     known = np.isfinite(values)
     return float(hits[known].mean()) if known.any() else float("nan")
 
@@ -90,13 +91,15 @@ def consistency(flight: Flight) -> Figure:
     return sheet.done()
 
 
-def chi_square_range(freedom: Any, share: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+def chi_square_range(
+    freedom: Any, share: float = 0.95
+) -> tuple[Float[np.ndarray, "*axes"], Float[np.ndarray, "*axes"]]:
     """Central range of a chi-square distribution that holds `share` of it."""
     tail = (1 - share) / 2
     return chdtri(freedom, 1 - tail), chdtri(freedom, tail)
 
 
-def _nees(axes: Axes, t: np.ndarray, values: np.ndarray, freedom: int, name: str) -> None:
+def _nees(axes: Axes, t: Float[np.ndarray, " N"], values: Float[np.ndarray, " N"], freedom: int, name: str) -> None:
     low, high = (float(bound) for bound in chi_square_range(freedom))
     axes.axhspan(low, high, **BAND)
     axes.axhline(freedom, **_EXPECTED)
@@ -112,7 +115,13 @@ def _nees(axes: Axes, t: np.ndarray, values: np.ndarray, freedom: int, name: str
         note(axes, text + (", infinite at times" if np.isinf(values).any() else ""))
 
 
-def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray, window: float = 10.0) -> None:
+def _nis(
+    axes: Axes,
+    t: Float[np.ndarray, " N"],
+    totals: Float[np.ndarray, " N"],
+    counts: Float[np.ndarray, " N"],
+    window: float = 10.0,
+) -> None:
     """NIS per scalar innovation in windows [s]; the range narrows with the number of innovations in a window."""
     cells = int(np.clip((t[-1] - t[0]) / window, 1, 150))
     edges = np.linspace(t[0], t[-1] + 1e-9, cells + 1)
@@ -129,8 +138,8 @@ def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray, wind
     note(axes, f"mean {total.sum() / count.sum():.3g}, expected 1")
 
 
-def _nis_sensors(flight: Flight) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Sensors that brought innovations: name, sums of NIS and numbers of innovations, each shape (N,)."""
+def _nis_sensors(flight: Flight) -> list[tuple[str, Float[np.ndarray, " N"], Float[np.ndarray, " N"]]]:
+    """Sensors that brought innovations: name, sums of NIS and numbers of innovations."""
     nis, freedom = flight.get("autopilot/nis"), flight.get("autopilot/nis_dof")
     if nis is None or freedom is None or nis.values.shape != freedom.values.shape:
         return []
@@ -139,7 +148,9 @@ def _nis_sensors(flight: Flight) -> list[tuple[str, np.ndarray, np.ndarray]]:
     return [(name, totals[:, k], counts[:, k]) for k, name in fields if counts[:, k].sum() > 0]
 
 
-def _running_mean(t: np.ndarray, values: np.ndarray, window: float = 60.0) -> np.ndarray:
+def _running_mean(
+    t: Float[np.ndarray, " N"], values: Float[np.ndarray, " N"], window: float = 60.0
+) -> Float[np.ndarray, " N"]:
     """Mean over the window [s] before each time, NaN left out."""
     known = np.isfinite(values)
     total = np.r_[0.0, np.cumsum(np.where(known, values, 0.0))]
@@ -150,7 +161,7 @@ def _running_mean(t: np.ndarray, values: np.ndarray, window: float = 60.0) -> np
     return np.where(count > 0, (total[end] - total[start]) / np.maximum(count, 1), np.nan)
 
 
-def _log_axis(axes: Axes, values: np.ndarray, also: list[float]) -> None:
+def _log_axis(axes: Axes, values: Float[np.ndarray, "..."], also: list[float]) -> None:
     finite = values[np.isfinite(values) & (values > 0)]
     low, high = np.quantile(finite, [0.01, 0.999]) if finite.size else also
     low, high = min(low, *also) / 1.6, max(high, *also) * 1.6

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -113,7 +114,7 @@ def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: lis
     return axes, ribbon(figure.add_subplot(grid[0], sharex=axes[-1]), flight.phases, WIDTH / 2 - 0.6)
 
 
-def _saturated(axes: Axes, t: np.ndarray, cut: np.ndarray) -> None:
+def _saturated(axes: Axes, t: Float[np.ndarray, " N"], cut: Bool[np.ndarray, " N"]) -> None:
     """A bar at the foot of the panel where a limit cut the wrench, and its share of the time."""
     found = np.array(stretches(cut))
     if not found.size:
@@ -125,7 +126,7 @@ def _saturated(axes: Axes, t: np.ndarray, cut: np.ndarray) -> None:
     note(axes, f"cut {100 * cut.mean():.1f} % of the time")
 
 
-def _joined(spans: np.ndarray, gap: float) -> list[tuple[float, float]]:
+def _joined(spans: Float[np.ndarray, "n 2"], gap: float) -> list[tuple[float, float]]:
     """Spans [start, end] as (start, width), those nearer to each other than `gap` in one."""
     found = [list(spans[0])]
     for start, end in spans[1:]:
@@ -163,7 +164,7 @@ def disturbance(flight: Flight) -> Figure:
     return sheet.done()
 
 
-def _true_wrench(flight: Flight) -> tuple[np.ndarray, np.ndarray] | None:
+def _true_wrench(flight: Flight) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, "N 6"]] | None:
     """True external wrench with the force in n and the moment in b, as the observer's bias has them."""
     series, pose = flight.get("truth/external_wrench"), flight.get("truth/eta")
     if series is None or pose is None:

@@ -1,6 +1,7 @@
 """Figures of the motion: pose, body velocity, and the distance to the commanded path."""
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
@@ -51,7 +52,7 @@ def _pose_channel(label: str) -> str:
     return {"Truth": "truth/eta", "Estimate": "autopilot/eta", "Reference": "autopilot/reference"}[label]
 
 
-def _turns(angle: np.ndarray) -> np.ndarray:
+def _turns(angle: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
     """Unwrapped angles moved by whole turns to lie about zero."""
     middle = np.nanmedian(angle) if np.isfinite(angle).any() else 0.0
     return angle - 2 * np.pi * np.round(middle / (2 * np.pi))

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -74,8 +75,8 @@ def _end(flight: Flight) -> float:
     return np.inf if main is None else float(main.t[-1])
 
 
-def _horizontal(series: Series, end: float, points: int = 3000) -> np.ndarray:
-    """North and east [m] until a time, thinned, the last sample kept, shape (N, 2)."""
+def _horizontal(series: Series, end: float, points: int = 3000) -> Float[np.ndarray, "N 2"]:
+    """North and east [m] until a time, thinned, the last sample kept."""
     known = series.values[series.t <= end, :2]
     return np.concatenate([known[: -1 : max(1, len(known) // points)], known[-1:]])
 
@@ -143,7 +144,7 @@ def _surroundings(axes: Axes, flight: Flight) -> None:
         axes.plot(east, north, **ANCHOR)
 
 
-def _in_view(flight: Flight, point: np.ndarray) -> bool:
+def _in_view(flight: Flight, point: Float[np.ndarray, "2"]) -> bool:
     low, high = extent(flight)
     return bool(((low <= point) & (point <= high)).all())
 
@@ -167,7 +168,7 @@ def _course(axes: Axes, series: Series, flight: Flight) -> None:
             _arrow(axes, xy, i, f"{t[i]:.0f} s", _off_course(flight, xy[i]))
 
 
-def _halfway(flight: Flight, xy: np.ndarray, t: np.ndarray, least: float) -> list[int]:
+def _halfway(flight: Flight, xy: Float[np.ndarray, "N 2"], t: Float[np.ndarray, " N"], least: float) -> list[int]:
     """Where half the way of each leg was behind the vehicle; without phases, of eight parts of the whole time."""
     legs = [(p.start, p.end) for p in flight.phases if p.phase == "go"]
     edges = np.linspace(t[0], t[-1], 9)
@@ -180,8 +181,8 @@ def _halfway(flight: Flight, xy: np.ndarray, t: np.ndarray, least: float) -> lis
     return marks[:40]
 
 
-def _off_course(flight: Flight, point: np.ndarray) -> np.ndarray:
-    """From the nearest point of the legs to a point (east, north) [m], shape (2,); zero without legs."""
+def _off_course(flight: Flight, point: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    """From the nearest point of the legs to a point (east, north) [m]; zero without legs."""
     legs = np.array(_legs(flight), float).reshape(-1, 4)[:, [1, 0, 3, 2]]
     if not len(legs):
         return np.zeros(2)
@@ -191,7 +192,9 @@ def _off_course(flight: Flight, point: np.ndarray) -> np.ndarray:
     return offset[np.argmin((offset**2).sum(1))]
 
 
-def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, off: np.ndarray, reach: float = 0.4) -> None:
+def _arrow(
+    axes: Axes, xy: Float[np.ndarray, "N 2"], i: int, label: str, off: Float[np.ndarray, "2"], reach: float = 0.4
+) -> None:
     """An arrow along the course around sample i, and its time on the side that lies away from the leg."""
     near = np.linalg.norm(xy - xy[i], axis=1) > reach
     behind = int(np.flatnonzero(near[:i])[-1]) if near[:i].any() else 0
@@ -214,7 +217,7 @@ def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, off: np.ndarray, reac
     )  # fmt: skip
 
 
-def extent(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+def extent(flight: Flight) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Corners (north, east) of what matters, mission and lines, so that an outlying fix does not shrink the picture."""
     end = _end(flight)
     parts = [_horizontal(flight[name], end) for name, _ in _LINES if flight.has(name)]

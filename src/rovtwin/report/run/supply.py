@@ -1,6 +1,7 @@
 """Figures of what ties a vehicle to the world above: tethers and the charge of its batteries."""
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.report.flight import Flight
@@ -30,8 +31,8 @@ def tethers(flight: Flight) -> Figure:
     return sheet.done()
 
 
-def _distance(flight: Flight, name: str) -> tuple[np.ndarray, np.ndarray] | None:
-    """Time and straight line from the anchor to the other end [m], shapes (N,); None without the tether's shape."""
+def _distance(flight: Flight, name: str) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]] | None:
+    """Time and straight line from the anchor to the other end [m]; None without the tether's shape."""
     shape = flight.get(f"truth/tether_shape/{name}")
     if shape is None or shape.values.shape[1] < 6:
         return None

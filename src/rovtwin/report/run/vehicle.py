@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.report.flight import Flight
@@ -38,8 +39,8 @@ def thruster_names(flight: Flight, fields: Sequence[str]) -> list[str]:
     return names if len(names) == len(fields) and all(names) else list(fields)
 
 
-def force_limits(flight: Flight, count: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lowest and highest force of each thruster [N], shapes (n,); None when the log does not say."""
+def force_limits(flight: Flight, count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+    """Lowest and highest force of each thruster [N]; None when the log does not say."""
     table = _thrusters(flight)
     try:
         high = np.array([float(t["force_ahead_N"] if "force_ahead_N" in t else t["force_ahead"]) for t in table])

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -51,10 +52,10 @@ class CampaignResult:
     Attributes:
         title, description: For people.
         samples: How many the campaign has.
-        completed: Of each sample that was flown, shape (n,), bool.
+        completed: Of each sample that was flown.
         interval: 95 % interval of the share completed.
-        scores: Columns by name, shape (n,), NaN where a flight has none; those of `NAMES` are shown.
-        varied: Numbers that were drawn, by path, shape (n,).
+        scores: Columns by name, NaN where a flight has none; those of `NAMES` are shown.
+        varied: Numbers that were drawn, by path.
         scatter: Names of the scores that are plotted against what varies.
         rank: Rank correlation of a path and a score, None where there is none.
         failures: Rows of what did not complete: index, reason, and what was drawn.
@@ -68,10 +69,10 @@ class CampaignResult:
     title: str
     description: str
     samples: int
-    completed: np.ndarray
+    completed: Bool[np.ndarray, " n"]
     interval: tuple[float, float]
-    scores: Mapping[str, np.ndarray]
-    varied: Mapping[str, np.ndarray]
+    scores: Mapping[str, Float[np.ndarray, " n"]]
+    varied: Mapping[str, Real[np.ndarray, " n"]]
     scatter: Sequence[str]
     rank: Callable[[str, str], float | None]
     failures: Sequence[Mapping[str, Any]]
@@ -205,7 +206,7 @@ def _distribution(axes: Axes, result: CampaignResult, name: str) -> None:
     )
 
 
-def _range(values: np.ndarray) -> tuple[float, float]:
+def _range(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Ends of an axis [same unit]: all of the values, but for what lies far beyond nearly all of them."""
     low, high = float(values.min()), float(values.max())
     quarter, most = np.quantile(values, (0.25, 0.95))
@@ -267,7 +268,7 @@ def _short(path: str) -> str:
     return path
 
 
-def _finite(values: np.ndarray) -> np.ndarray:
+def _finite(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
     return values[np.isfinite(values)]
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -11,22 +12,22 @@ from rovtwin.report.parts.style import BAND, BLACK, BLUE, FAULT, dress, legend_a
 
 
 def prediction_figure(
-    t: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    middle: np.ndarray,
-    flown: tuple[np.ndarray, np.ndarray] | None,
+    t: Float[np.ndarray, " n"],
+    low: Float[np.ndarray, "n k"],
+    high: Float[np.ndarray, "n k"],
+    middle: Float[np.ndarray, "n k"],
+    flown: tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]] | None,
     labels: Sequence[tuple[str, str]],
     captions: Sequence[str],
 ) -> Figure:
     """A panel for each axis: the band, its middle, and the flight; red where it is outside.
 
     Args:
-        t: Times of the band, shape (n,) [s].
-        low: Lower end of the band, shape (n, k).
+        t: Times of the band [s].
+        low: Lower end of the band.
         high: Its upper end.
         middle: The median of what it was made from.
-        flown: Times, shape (m,) [s], and values, shape (m, k), of the flight, None: not flown yet.
+        flown: Times [s] and values of the flight; None: not flown yet.
         labels: Name and unit of each of the k axes.
         captions: A remark for each.
     """

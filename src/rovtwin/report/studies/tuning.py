@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -49,11 +50,11 @@ class TuningResult:
 
     Attributes:
         title, verdict: For people; whether the tuned autopilot is better, in plain sentences.
-        costs, generations: Of all that was tried, shape (n,).
+        costs, generations: Of all that was tried.
         start_cost: Of the hand-tuned values on the same plants.
         parameters: What was searched.
         seas: Of the held-out flights.
-        before, after: Their costs, shape (m,).
+        before, after: Their costs.
         change: Mean of the paired differences and its 95 % interval.
         terms: By name: unit, weight, means before and after, relative change and its 95 % interval.
         extra: Rows beside them that the cost does not see: name, before, after.
@@ -63,13 +64,13 @@ class TuningResult:
 
     title: str
     verdict: Verdict
-    costs: np.ndarray
-    generations: np.ndarray
+    costs: Float[np.ndarray, " n"]
+    generations: Float[np.ndarray, " n"]
     start_cost: float
     parameters: Sequence[Moved]
     seas: Sequence[str]
-    before: np.ndarray
-    after: np.ndarray
+    before: Float[np.ndarray, " m"]
+    after: Float[np.ndarray, " m"]
     change: tuple[float, float, float]
     terms: Mapping[str, Mapping[str, Any]]
     extra: Sequence[tuple[str, str, str]]

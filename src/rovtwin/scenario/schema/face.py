@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.extras import require
 from rovtwin.core.log.files import atomic
@@ -58,8 +59,8 @@ class ScenarioFace(Result):
         own: Any = self
         return [own.description] if own.description else []
 
-    def _waypoints(self) -> np.ndarray:
-        """Columns as of COLUMNS, shape (n, 6)."""
+    def _waypoints(self) -> Float[np.ndarray, "n 6"]:
+        """Columns as of COLUMNS."""
         own: Any = self
         rows = [[*w.placed(own.origin), w.speed, w.acceptance, w.hold_time] for w in own.waypoints]
         return np.reshape(np.array(rows, dtype=float), (-1, len(COLUMNS)))

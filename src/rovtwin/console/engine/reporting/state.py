@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import gammaincinv
 
 from rovtwin.console.engine.world import TRUTH
@@ -114,13 +115,13 @@ class Consistency:
         return self._report
 
 
-def judged(names: list[str], nis: np.ndarray, dof: np.ndarray) -> dict[str, Any]:
+def judged(names: list[str], nis: Float[np.ndarray, " n"], dof: Float[np.ndarray, " n"]) -> dict[str, Any]:
     """Mean per scalar innovation of each sensor, their number, and the band that the mean should lie in.
 
     Args:
         names: Of the sensors.
-        nis: Sum of the normalised innovations squared of each, shape (n,).
-        dof: How many scalar innovations are in each sum, shape (n,).
+        nis: Sum of the normalised innovations squared of each.
+        dof: How many scalar innovations are in each sum.
     """
     found = {}
     for name, total, count in zip(names, nis, dof, strict=False):

@@ -9,6 +9,7 @@ derivative is noise (0.28 m at 0.2 rad/s2 is 0.06 m/s2 along surge).
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import rotation_from_euler, wrapped
 from rovtwin.core.flow import Measurement
@@ -28,7 +29,7 @@ class Merge:
         levers: Places of the drones seen from CO, b [m], shape (2, 3).
     """
 
-    def __init__(self, levers: np.ndarray):
+    def __init__(self, levers: Float[np.ndarray, "drones 3"]):
         self._levers = np.asarray(levers, dtype=float)
         self._waiting: dict[str, tuple[list[Measurement], list[Measurement]]] = {}
         self._newest: tuple[dict[str, Measurement], dict[str, Measurement]] = ({}, {})
@@ -113,8 +114,8 @@ class Merge:
         return reading
 
 
-def _in_n(euler: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """R_nb r, shape (3,)."""
+def _in_n(euler: Float[np.ndarray, "3"], r: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """R_nb r."""
     return rotation_from_euler(euler) @ r
 
 

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.vehicle.physics.thrusters import Thrusters
 
 Curve = Callable[[np.ndarray], np.ndarray]  # normalised commands -> shares of the largest force, both shape (3,)
 
 
-def linear(u: np.ndarray) -> np.ndarray:
+def linear(u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The curve of thrusters whose force is linear in the command: the command is the share."""
     return u
 
@@ -32,7 +33,7 @@ def force_shares(thrusters: Thrusters, which: Sequence[int]) -> Curve:
     tables = np.asarray(thrusters.table_force, dtype=float)[index]
     tabulated = np.flatnonzero(np.asarray(thrusters.tabulated)[index])
 
-    def shares(u: np.ndarray) -> np.ndarray:
+    def shares(u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         u = np.asarray(u, dtype=float)
         u = np.clip(np.where(step > 0, np.round(u / np.where(step > 0, step, 1.0)) * step, u), -1.0, 1.0)
         share = np.sign(u) * np.maximum((np.abs(u) - dead) / (1.0 - dead), 0.0) ** exponent

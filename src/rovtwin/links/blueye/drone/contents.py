@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import Datum
@@ -70,13 +71,13 @@ class Contents:
             return message(name)(**_FIXED[name])
         return getattr(self, "_" + name.removesuffix("Tel"), lambda: None)()
 
-    def _value(self, sensor: str) -> np.ndarray | None:
+    def _value(self, sensor: str) -> Float[np.ndarray, " n"] | None:
         found = self.latest.get(sensor)
         if found is None or not np.isfinite(found.value).all():
             return None
         return np.asarray(found.value, dtype=float)
 
-    def _fresh(self, sensor: str, than: float) -> np.ndarray | None:
+    def _fresh(self, sensor: str, than: float) -> Float[np.ndarray, " n"] | None:
         found = self.latest.get(sensor)
         return self._value(sensor) if found is not None and than - found.t_valid <= FRESH else None
 

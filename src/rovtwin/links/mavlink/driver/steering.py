@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.links.mavlink.firmware.pilot import EXTENDED_SINCE, Sticks, sticks_of_axes
 from rovtwin.links.mavlink.wire import number, text_of
@@ -74,8 +75,8 @@ class Steering:
         """Whether the vehicle is known to take s and t."""
         return self.firmware is not None and self.firmware >= EXTENDED_SINCE
 
-    def sticks(self, axes: np.ndarray) -> Sticks:
-        """MANUAL_CONTROL for axes, shape (6,)."""
+    def sticks(self, axes: Float[np.ndarray, "6"]) -> Sticks:
+        """MANUAL_CONTROL for axes."""
         return sticks_of_axes(axes, self.gain or 1.0, self.throttle or 1.0, self.extended)
 
     def limits(self) -> list[str]:

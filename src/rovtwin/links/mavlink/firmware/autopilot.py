@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.links.mavlink.firmware.guided import Order, Place
 from rovtwin.links.mavlink.firmware.missions import Missions
@@ -41,7 +42,7 @@ class Autopilot:
     drone: str = ""
     mode: Mode = MANUAL
     armed: bool = False
-    axes: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    axes: Float[np.ndarray, "6"] = field(default_factory=lambda: np.zeros(6))
     target: Place | None = None
     missions: Missions = field(default_factory=Missions)
     knows_place: Callable[[], bool] = lambda: True
@@ -112,7 +113,7 @@ class Autopilot:
         if self.is_pilot(system):
             self._received_at = now
 
-    def steer(self, system: int, axes: np.ndarray | None, now: float) -> bool:
+    def steer(self, system: int, axes: Float[np.ndarray, "6"] | None, now: float) -> bool:
         """A pilot's input; whether it counts: it must come from SYSID_MYGCS and be whole."""
         if system != int(self.parameters["SYSID_MYGCS"]) or axes is None:
             return False
@@ -176,7 +177,7 @@ class Autopilot:
             target=self.target if mode is GUIDED else None,
         )
 
-    def _motion(self, now: float) -> np.ndarray:
+    def _motion(self, now: float) -> Float[np.ndarray, "6"]:
         if self.mode is GUIDED:
             return self._kept_velocity(now)
         held = np.array(self.mode.held)
@@ -188,7 +189,7 @@ class Autopilot:
         shares = free if self.mixer is None else self.mixer.motion(free)
         return np.where(held, axes, shares)
 
-    def _kept_velocity(self, now: float) -> np.ndarray:
+    def _kept_velocity(self, now: float) -> Float[np.ndarray, "6"]:
         if self._velocity is None or now - self._velocity_at > VELOCITY_LIFE:
             return np.zeros(6)
         ahead, right, down, turn = np.clip(np.array(self._velocity) / self.fastest, -1.0, 1.0)

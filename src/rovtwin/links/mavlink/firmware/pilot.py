@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 FULL = 1000.0  # of a stick of MANUAL_CONTROL
 ABSENT = 0x7FFF  # a stick that is not there
@@ -35,8 +36,10 @@ class Sticks:
     enabled_extensions: int = 0
 
 
-def pulses_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True) -> np.ndarray | None:
-    """Pulses of RC channels 1 to 6 [us], shape (6,), that ArduSub makes of sticks; None where a stick is not one.
+def pulses_of_sticks(
+    sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True
+) -> Float[np.ndarray, "6"] | None:
+    """Pulses of RC channels 1 to 6 [us] that ArduSub makes of sticks; None where a stick is not one.
 
     x, y, z and r go by the pilot's gain. s and t are microseconds as they are, whatever the gain and
     enabled_extensions say, in versions that take them (`extended`). Channels are whole microseconds, rounded down, of
@@ -58,14 +61,16 @@ def pulses_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extende
     return np.clip(np.floor(np.array([*turns, up, *others], dtype=float)), LOW_PWM, HIGH_PWM)
 
 
-def axes_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True) -> np.ndarray | None:
-    """Axes, shape (6,), or None where a stick is not one, see `pulses_of_sticks`."""
+def axes_of_sticks(
+    sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True
+) -> Float[np.ndarray, "6"] | None:
+    """Axes, None where a stick is not one, see `pulses_of_sticks`."""
     pulses = pulses_of_sticks(sticks, gain, throttle, extended)
     return None if pulses is None else axes_of_channels([int(pulse) for pulse in pulses], np.zeros(6))
 
 
-def sticks_of_axes(axes: np.ndarray, gain: float, throttle: float = 1.0, extended: bool = True) -> Sticks:
-    """MANUAL_CONTROL for axes, shape (6,); the inverse of `axes_of_sticks` within a microsecond, clipped to full.
+def sticks_of_axes(axes: Float[np.ndarray, "6"], gain: float, throttle: float = 1.0, extended: bool = True) -> Sticks:
+    """MANUAL_CONTROL for axes; the inverse of `axes_of_sticks` within a microsecond, clipped to full.
 
     Args:
         axes: Surge to yaw; without `extended` roll and pitch stay still.
@@ -80,14 +85,14 @@ def sticks_of_axes(axes: np.ndarray, gain: float, throttle: float = 1.0, extende
     return Sticks(x, y, z, r, s, t, (PITCH_BIT if s else 0) | (ROLL_BIT if t else 0))
 
 
-def pulses_of_axes(axes: np.ndarray) -> list[int]:
+def pulses_of_axes(axes: Float[np.ndarray, "6"]) -> list[int]:
     """Pulses of RC channels 1 to 6 [us] of axes, shape (6,): the inverse of `axes_of_channels` to a microsecond."""
     turned = np.clip(np.nan_to_num(np.asarray(axes, dtype=float)), -1.0, 1.0)
     return [round(NEUTRAL_PWM + HALF_PWM * sign * float(turned[axis])) for axis, sign in RC_CHANNELS.values()]
 
 
-def axes_of_channels(channels: Sequence[int], before: np.ndarray) -> np.ndarray | None:
-    """Axes, shape (6,), of RC channels 1 to 6 [us] on top of those before; None where a pulse is out of range.
+def axes_of_channels(channels: Sequence[int], before: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"] | None:
+    """Axes of RC channels 1 to 6 [us] on top of those before; None where a pulse is out of range.
 
     65535 leaves an axis as it is, 0 gives it back: it is let go.
     """

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import quaternion_from_euler
 from rovtwin.core.flow import Measurement
@@ -31,7 +32,7 @@ def quaternion(scene: Scene, at: Measurement) -> Any:
     return message(milliseconds(at.t_valid), *quaternion_from_euler(_euler(at)), *scene.rates())
 
 
-def _euler(at: Measurement) -> np.ndarray:
+def _euler(at: Measurement) -> Float[np.ndarray, "3"]:
     return at.value if at.sensor.endswith("attitude") else at.value[3:6]
 
 

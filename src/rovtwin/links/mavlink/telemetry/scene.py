@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import Datum
@@ -57,8 +58,8 @@ class Scene:
                 self._trend.take(name, reading)
 
     @property
-    def vibration(self) -> np.ndarray:
-        """Root mean square of what shakes the accelerometer [m/s2], shape (3,)."""
+    def vibration(self) -> Float[np.ndarray, "3"]:
+        """Root mean square of what shakes the accelerometer [m/s2]."""
         return np.sqrt(self._trend.variance)
 
     @property
@@ -74,8 +75,8 @@ class Scene:
                 return found
         return None
 
-    def values(self, sensor: str, size: int) -> np.ndarray:
-        """Newest values of a sensor, zeros where there are none, shape (size,)."""
+    def values(self, sensor: str, size: int) -> Float[np.ndarray, " size"]:
+        """Newest values of a sensor, zeros where there are none."""
         found = self.reading(sensor)
         return found.value if found is not None and found.value.shape == (size,) else np.zeros(size)
 
@@ -127,22 +128,22 @@ class Scene:
         """Height over the ellipsoid that relative heights count from: home's, else the water's [m]."""
         return self.home_given[2] if self.home_given else self.datum.height
 
-    def attitude(self) -> np.ndarray | None:
-        """zyx Euler angles [rad], shape (3,), or None while they are not known."""
+    def attitude(self) -> Float[np.ndarray, "3"] | None:
+        """zyx Euler angles [rad], or None while they are not known."""
         sensed, estimate = self.reading("attitude"), self.reading("estimate")
         if sensed is not None:
             return sensed.value
         return None if estimate is None else estimate.value[3:6]
 
-    def rates(self) -> np.ndarray:
-        """Angular velocity in b [rad/s], shape (3,): the gyro's, or the estimate's; zeros without."""
+    def rates(self) -> Float[np.ndarray, "3"]:
+        """Angular velocity in b [rad/s]: the gyro's, or the estimate's; zeros without."""
         gyro, estimate = self.reading("gyro"), self.reading("estimate")
         if gyro is not None:
             return gyro.value
         return np.zeros(3) if estimate is None else estimate.value[9:12]
 
-    def velocity_n(self) -> np.ndarray:
-        """Velocity over ground in n [m/s], shape (3,): the estimate's, or the DVL's turned; zeros without."""
+    def velocity_n(self) -> Float[np.ndarray, "3"]:
+        """Velocity over ground in n [m/s]: the estimate's, or the DVL's turned; zeros without."""
         estimate = self.reading("estimate")
         attitude = self.attitude()
         nu = estimate.value[6:9] if estimate is not None else self.values("dvl", 3)
