@@ -72,11 +72,8 @@ class Tank:
         end = np.inf if flown.aborted_at is None else flown.aborted_at
         return t[(self._clear(self._hull(vehicle, flown)) <= least) & (t <= end)]
 
-    def touches(self, model: Model, flown: Rehearsed) -> np.ndarray:
-        """How far north and east of the middle CO is where the hull touches a wall, turned as anywhere on a path.
-
-        Shape (2,) [m].
-        """
+    def touches(self, model: Model, flown: Rehearsed) -> Float[np.ndarray, "2"]:
+        """Way of CO north and east of the middle at which the hull touches a wall, turned as anywhere on a path [m]."""
         reach = np.abs(self._reach(model, flown)[..., :2]).max(axis=(0, 1))
         return 0.5 * np.array(self.sizes[:2]) - reach
 
@@ -84,8 +81,8 @@ class Tank:
         """Depth of the hull's lowest corner below CO, turned as anywhere on a path [m]."""
         return float(self._reach(model, flown)[..., 2].max())
 
-    def past_a_fence(self, model: Model, flown: Rehearsed, errs: float) -> np.ndarray:
-        """When CO is so far out that no fence can stand between it and where the hull touches, shape (k,) [s].
+    def past_a_fence(self, model: Model, flown: Rehearsed, errs: float) -> Float[np.ndarray, " k"]:
+        """When CO is so far out that no fence can stand between it and where the hull touches [s].
 
         Args:
             model: With its hull.

@@ -89,7 +89,7 @@ def off_time(
     return OffTime(float(ends[np.argmin(left)]), float(likely[0]), float(likely[-1]), lasted)
 
 
-def _push(model: Model, motion: Motion, u: np.ndarray, on: float, off: float) -> Float[np.ndarray, " m"]:
+def _push(model: Model, motion: Motion, u: Float[np.ndarray, " n"], on: float, off: float) -> Float[np.ndarray, " m"]:
     """Size of a push between two times on the grid."""
     record = motion.record
     times, commands = np.array([record.start, on, off]), np.stack([0.0 * u, u, 0.0 * u])

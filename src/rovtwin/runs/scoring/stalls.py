@@ -92,7 +92,7 @@ def _left(flown: Flown, rows: slice, phase: int) -> Float[np.ndarray, " n"]:
     return np.hypot(*(eta[:, :2] - leg[:, 3:5]).T)
 
 
-def _aside(flown: Flown, rows: slice | np.ndarray) -> Float[np.ndarray, " n"]:
+def _aside(flown: Flown, rows: slice | Shaped[np.ndarray, " rows"]) -> Float[np.ndarray, " n"]:
     """Heading error, as a size [rad]; 0 where no set-point was logged."""
     if flown.setpoint is None:
         return np.zeros(len(flown.t[rows]))
