@@ -24,7 +24,7 @@ from rovtwin.identification.logs.response import nuisances, thruster_forces
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.model import Model
 
-CLEAR = 0.05  # least distance of hull and floor [m]
+CLEAR = 0.05  # least distance of the hull from floor and surface [m]
 MEMORY = 3.0  # of the way that accelerations add up to, for drag [s]
 LAGS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the whole answer, tried [s]
 
@@ -61,7 +61,7 @@ def columns(model: Model, record: Record, floor: float = np.inf, lags: Sequence[
     Args:
         model: Of the vehicle as its file has it.
         record: Commands and signals.
-        floor: Depth of the floor [m]: while the hull is near it, nothing is used.
+        floor: Depth of the floor [m]: while the hull is near it, or near the surface, nothing is used.
         lags: That are tried [s].
 
     Raises:
@@ -71,11 +71,12 @@ def columns(model: Model, record: Record, floor: float = np.inf, lags: Sequence[
     y = accelerations(motion)
     others = _others(motion, y)
     known = np.isfinite(y).any(axis=0)
-    good = np.isfinite(y[:, known]).all(axis=1) & np.isfinite(others).all(axis=1) & _afloat(model, motion, floor)
+    good = np.isfinite(y[:, known]).all(axis=1) & np.isfinite(others).all(axis=1) & _clear(model, motion, floor)
     if good.sum() < 10 * (others.shape[1] + model.thrusters.count):
         raise IdentificationError(
-            f"{record.source}: found {good.sum() * STEP:.1f} s of pushes with gyro and attitude, clear of the floor, "
-            "expected more. Begin in the middle of the tank, trimmed to float a little"
+            f"{record.source}: found {good.sum() * STEP:.1f} s of pushes with gyro and attitude, clear of floor and "
+            "surface, expected more. Begin in the middle of the tank, trimmed to float a little, and let go of it only "
+            "when the first thruster turns"
         )
     Q = _orthonormal(others[good])
     y = y[good][:, known]
@@ -104,11 +105,13 @@ def accelerations(motion: Motion) -> Float[np.ndarray, "m 6"]:
     return found
 
 
-def _afloat(model: Model, motion: Motion, floor: float) -> Bool[np.ndarray, " m"]:
-    """When the hull is clear of the floor; always where nobody measures depth."""
+def _clear(model: Model, motion: Motion, floor: float) -> Bool[np.ndarray, " m"]:
+    """When the hull is clear of floor and surface; always where nobody measures depth."""
     depth = motion.values("depth")
-    lowest = float(np.asarray(model.hull.corners)[:, 2].max())
-    return np.ones(len(motion.t), dtype=bool) if depth is None else ~(depth[0][:, 0] + lowest > floor - CLEAR)
+    if depth is None:
+        return np.ones(len(motion.t), dtype=bool)
+    height, z = np.asarray(model.hull.corners)[:, 2], depth[0][:, 0]
+    return ~((z + height.max() > floor - CLEAR) | (z + height.min() < CLEAR))
 
 
 def speeds(motion: Motion, y: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 6"]:
