@@ -26,6 +26,8 @@ from rovtwin.campaign.workers import Dask, at_scheduler, on_slurm, on_this_machi
 from rovtwin.core.errors import ConfigError
 from rovtwin.runs.fly import fly
 
+pytestmark = pytest.mark.system
+
 FILE = {
     "scenario": "lawnmower_waves",
     "samples": 4,
@@ -63,7 +65,6 @@ def session(campaign, tmp_path_factory):
     return whole
 
 
-@pytest.mark.system
 def test_every_sample_has_one_row(session, campaign):
     rows = session.table.to_pylist()
     assert [row["index"] for row in rows] == [0, 1, 2, 3] and session.whole
@@ -73,7 +74,6 @@ def test_every_sample_has_one_row(session, campaign):
     assert not list((session.folder / "parts").iterdir())
 
 
-@pytest.mark.system
 def test_a_sample_is_flown_again_to_the_last_bit(session, campaign):
     flight = fly(scenario_at(*sample_of(f"{session.folder}/1")), short=0)
     row = session.table.slice(1, 1).to_pylist()[0]
@@ -81,7 +81,6 @@ def test_a_sample_is_flown_again_to_the_last_bit(session, campaign):
     assert row["reason"].startswith("not finished after 2 s: ") and not row["completed"]
 
 
-@pytest.mark.system
 def test_a_sample_that_cannot_be_flown_says_why_and_stops_no_other(session):
     bad = session.table.slice(3, 1).to_pylist()[0]
     assert bad["world.net_buoyancy"] == -100_000 and bad["reason"].startswith("world.net_buoyancy: found -100000 N")
@@ -125,7 +124,6 @@ def test_ctrl_c_keeps_what_is_flown(campaign, tmp_path):
     assert summarise(campaign, stopped.table)["flown"] == 1
 
 
-@pytest.mark.system
 def test_a_report_of_real_rows(session):
     page = write_report(session).read_text()
     assert page.index("What did not complete") < page.index("Distribution of the scores")
@@ -237,7 +235,6 @@ def test_processes_of_this_machine(campaign, session, tmp_path):
     assert spread.table["effort_n2s"].equals(session.table["effort_n2s"])
 
 
-@pytest.mark.system
 def test_a_campaign_that_is_refused_says_so_and_fails(tmp_path):
     """It said "missions flown" and ended with 0."""
     path = tmp_path / "swept.yaml"

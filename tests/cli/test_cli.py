@@ -95,6 +95,7 @@ def test_figures_of_an_identified_vehicle_say_which_are_predicted(capsys, monkey
     assert "identified" not in plain
 
 
+@pytest.mark.system
 def test_a_vehicle_that_sank_before_is_asked_for_its_buoyancy(capsys, monkeypatch, tmp_path):
     """Devices bolted on one by one left the net buoyancy of each step's before, -1 N, and nothing said so."""
     monkeypatch.setattr("rovtwin.runs.vehicle_figures.compared", lambda before, after: [])

@@ -45,6 +45,7 @@ def test_paper_and_then_on_with_what_was_asked_for_at_first(tmp_path):
     assert found.exception and "another folder" in str(found.exception)
 
 
+@pytest.mark.system
 def test_a_tank_that_is_too_small_stops_on_paper(tmp_path):
     found = invoked("commission", "double_blueye", "--link", "twin://", "--tank", "1x1x0.5", "-o", tmp_path / "c",
                     "--yes", "--json")  # fmt: skip

@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from tests.commission.conftest import LAST, Nobody
 from tests.commission.dossiers import STAGES, dated, written
 
@@ -73,6 +74,7 @@ def test_a_stage_that_is_out_of_date_stops_it(tmp_path):
     assert not any(folder.iterdir())
 
 
+@pytest.mark.system
 def test_the_same_dossier_gives_the_same_bytes(whole, tmp_path):
     folder = whole[0]
     dossier = Dossier.open(folder.parents[1])

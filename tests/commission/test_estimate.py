@@ -66,6 +66,7 @@ def test_contradictions_warn_with_both_values(predicted):
     assert ("note", "one remark") in [(check.verdict, check.text) for check in checks]
 
 
+@pytest.mark.system
 def test_axes_are_held_against_what_was_asked_for(work, predicted):
     tested = {"surge": (-0.4, 0.5), "sway": (-0.2, 0.2), "heave": (-0.2, 0.2)}
     result = shown(predicted, tested=tested)

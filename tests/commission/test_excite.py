@@ -124,6 +124,7 @@ def test_when_the_minutes_are_used_up_what_is_not_known_is_named(bench):
     assert all(f"{axis} to ±10 %" in check.text for axis in AXES)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("minutes", "parts"), [(3.0, 1), (5.0, 1), (6.0, 2), (15.0, 4), (1.5, 1)])
 def test_parts_take_three_to_five_minutes(bench, minutes, parts):
     made = bench(minutes=minutes, widths=(1.0,) * 9)

@@ -93,6 +93,7 @@ def test_hand_is_counted_down():
     ]
 
 
+@pytest.mark.system
 def test_experiment_helm_rests_until_started_and_after_an_abort_begins_anew(helm, simulation):
     quiet = (0.0, 0.0, 0.0)
     helm.restart(simulation.start)

@@ -25,6 +25,7 @@ MESSAGES = st.one_of(
 )
 
 
+@pytest.mark.system
 @given(MESSAGES)
 @settings(max_examples=80, deadline=None, database=None)
 def test_any_message_is_an_order_within_its_bounds_or_is_refused(message):

@@ -25,6 +25,7 @@ def strict(text):
     return json.loads(text, parse_constant=refuse)
 
 
+@pytest.mark.system
 @given(VALUES)
 @settings(max_examples=100, deadline=None, database=None)
 def test_any_message_is_json(value):

@@ -86,6 +86,7 @@ def test_euler_angles_have_the_usual_signs():
 # -- round trips
 
 
+@pytest.mark.system
 def test_euler_quaternion_matrix_and_back():
     euler = random_euler(200)
     q = np.asarray(jax.vmap(frames.quaternion_from_euler)(euler))
@@ -178,6 +179,7 @@ def test_rates_are_those_of_the_angles():
         np.testing.assert_allclose(frames.quaternion_rate(q, jnp.asarray(omega)), q_rate, atol=1e-8)
 
 
+@pytest.mark.system
 def test_gradients_are_finite():
     """Also at level, at the half turn of yaw and with the arcsin near its end."""
     for euler in ([0.0, 0, 0], [0, 0, np.pi], [0.2, 1.57, 0.1], [np.pi, 0, 0]):
@@ -278,6 +280,7 @@ def test_the_logarithm_goes_the_short_way_round():
     np.testing.assert_allclose(frames.quaternion_log(past), [0.0, 0.0, 0.1 - np.pi], atol=1e-14)
 
 
+@pytest.mark.system
 def test_rotation_vectors_have_a_gradient_at_zero():
     np.testing.assert_allclose(jax.jacobian(frames.quaternion_exp)(jnp.zeros(3))[1:], 0.5 * np.eye(3))
     there_and_back = jax.jacobian(lambda v: frames.quaternion_log(frames.quaternion_exp(v)))

@@ -26,6 +26,7 @@ def places(made: Original, content: bytes) -> list[int]:
     return [*random.integers(0, len(content), 25).tolist(), *random.integers(0, first, 25).tolist(), *heads]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("killed", [False, True])
 def test_one_bit_costs_no_more_than_its_chunk(made: Original, tmp_path: Path, killed: bool) -> None:
     content = made.content[: made.data_end] if killed else made.content

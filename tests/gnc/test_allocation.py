@@ -61,6 +61,7 @@ def test_reachable_wrench_is_made(seed, n, saturation):
     np.testing.assert_allclose(made(thrusters, command), tau, atol=1e-9)
 
 
+@pytest.mark.system
 @given(seeds, st.sampled_from([1, 3, 8]), st.sampled_from(["scale", "clip"]))
 def test_what_it_tells_is_what_thrusters_make(seed, n, saturation):
     _, thrusters = any_thrusters(seed, n)

@@ -95,6 +95,7 @@ def test_lawn_mower_of_the_thesis_keeps_to_speed_with_gains_from_the_model(model
     assert np.hypot(truth[on, 6], truth[on, 7]).max() < 0.25
 
 
+@pytest.mark.system
 def test_gains_without_integral_never_finish_against_buoyancy(model):
     """2 N up: table 7.1 stops 2 m above the depth and stays in the dive for ever; the integral brings it down."""
     lift = jnp.array([0, 0, -2.0, 0, 0, 0])
@@ -118,6 +119,7 @@ def test_pause_holds_station_and_resume_goes_on(model):
     assert output.setpoint.phase[-1] == FINISHED
 
 
+@pytest.mark.system
 def test_waits_for_the_word_with_thrusters_off(model):
     asked = np.full(SHORT, NO_REQUEST)
     asked[:500] = PAUSE
@@ -183,6 +185,7 @@ class Spy(Perfect):
         return memory, eqx.tree_at(lambda e: e.bias, estimate, input.command.u)
 
 
+@pytest.mark.system
 def test_observer_gets_the_command_that_was_sent(model):
     autopilot = Autopilot.thesis(model, Spy(), route(SQUARE))
     _, output = flown(autopilot, model, START, requests(SHORT))
@@ -227,6 +230,7 @@ def test_loop_scan_and_batch_agree(model):
             jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-10), got, expected)
 
 
+@pytest.mark.system
 def test_gradient_by_gains_is_finite_and_right(model):
     autopilot, truth = pilot(model), jnp.array([0.1, 0.2, 0.5, 0.02, 0.01, 0.3] + [0.01] * 6)
 

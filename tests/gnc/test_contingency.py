@@ -123,6 +123,7 @@ def test_a_vehicle_already_at_the_surface_is_not_sent_down():
         assert float(asked.eta[2]) <= 0.06 and int(asked.phase) == SURFACED
 
 
+@pytest.mark.system
 def test_after_an_abort_it_stays_where_it_has_drifted_to():
     """Not drawn back to the path, nor down again, by arming alone."""
     memory = BLOCK.init(jax.random.key(0), START)

@@ -147,6 +147,7 @@ def test_in_calm_water_it_stays_within_its_slack():
     assert np.linalg.norm(place[held][:, :2], axis=1).max() < SCALES.length + 0.2  # acceptance: it arrives there
 
 
+@pytest.mark.system
 def test_a_way_point_that_was_passed_beside_is_come_back_to():
     """The position jumps a metre as the vehicle arrives, as when a filter has had none for a while."""
     plan = route([(4, 0)], depth=1.0)

@@ -103,6 +103,7 @@ def test_what_holds_a_place_looks_where_it_can_stay(mode):
     assert psi[0] == 0.0 and STRONG * np.cos(psi[-1]) <= LIMIT
 
 
+@pytest.mark.system
 def test_a_way_home_is_looked_along_as_far_as_the_current_lets_it():
     assert STRONG * np.cos(holds(MODE_RETURNING)[-1]) <= LIMIT
 
@@ -113,6 +114,7 @@ def test_a_heading_that_the_pilot_turns_is_his_until_he_lets_go():
     assert turning[-1] == pytest.approx(-rate * 20.0, abs=0.01)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("far", [6.0, 0.0], ids=["leg", "leg without length"])
 def test_guidance_forgets_a_bad_estimate(far):
     """On a leg without length the turned heading became the one that was preferred from then on."""

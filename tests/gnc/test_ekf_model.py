@@ -108,6 +108,7 @@ def dead_reckoned(model, run):
     return float(np.linalg.norm(x[-1, :3] - run.x[-1, :3]))
 
 
+@pytest.mark.system
 def test_coriolis_matters(monkeypatch):
     """Ahead while turning: with C the prediction stays on the plant for half a minute, without it is metres away."""
     model = double_body("towing")

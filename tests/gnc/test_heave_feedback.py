@@ -73,6 +73,7 @@ def test_depth_control_that_knows_of_no_tilt_stands_on_its_nose():
     assert np.abs(np.degrees(leg(model, each_for_itself(model), speed)[-500:, 4])).max() > 20.0
 
 
+@pytest.mark.system
 def test_a_constant_lift_costs_little_depth():
     """Buoyancy pitches it by the thrust that holds it down; that tilt is expected, not fought."""
     model = aft(0.15).replace(buoyancy=297.3)

@@ -48,6 +48,7 @@ def held(model, current, force, seconds):
     return np.asarray(jax.jit(lambda s: jax.lax.scan(tick, s, inputs)[1])(start))
 
 
+@pytest.mark.system
 def test_a_force_that_looks_like_a_current_is_stemmed_and_the_current_itself_given_way_to(bluerov2):
     """A tether pulls as hard as 0.8 m/s of water would, 1.6 times what it stays level in; then it is that water."""
     t = DT * np.arange(round(100.0 / DT))

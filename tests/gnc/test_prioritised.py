@@ -55,6 +55,7 @@ def crippled(rng, T, lost=0.25):
     return T, np.where(rng.random(T.shape[1]) < lost, 0.0, rng.choice([0.5, 1.0], T.shape[1]))
 
 
+@pytest.mark.system
 @given(seeds, st.sampled_from([3, 8, 12]), st.sampled_from([1e-1, 1e-3]))
 def test_minimum_within_bounds_is_the_oracles(seed, n, damping):
     rng = np.random.default_rng(seed)

@@ -93,6 +93,7 @@ def speeds(guidance, current, corners=((6, 0), (6, 6)), seconds=100, leg=0.25):
     return [np.asarray(x) for x in flown]
 
 
+@pytest.mark.system
 def test_the_point_goes_as_fast_against_the_current_as_thrusters_do_and_brakes_before_the_corner():
     guidance, current = PathGuidance.of(MODEL), (0.0, -0.2)
     expected = float(
@@ -124,6 +125,7 @@ def test_what_is_left_for_a_corner_is_the_thrust_less_what_holds_against_the_cur
         assert SUSTAINED.aside(jnp.asarray(heading), jnp.asarray(side), current) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.system
 def test_corners_are_slower_in_a_current_from_the_side():
     guidance = PathGuidance.of(MODEL)
     calm, strong = (speeds(guidance, current) for current in ((0.0, 0.0), (0.0, -0.17)))

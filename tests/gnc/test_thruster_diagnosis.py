@@ -118,6 +118,7 @@ def test_weak_by_a_third_is_not_lost():
     assert np.all(estimated(without(0, left=0.67)) == 1.0)
 
 
+@pytest.mark.system
 def test_an_estimate_that_is_not_a_number_leaves_the_memory_usable():
     memory = MONITOR.init(jax.random.key(0), Start.at())
     broken = HealthInput(estimate_of(np.full(6, np.nan), np.full(6, np.nan)), Command(jnp.zeros(6)))
@@ -190,6 +191,7 @@ def test_what_a_double_blueye_can_do_without():
     assert {lost: int(ability.judged(as_array(without(*lost)))) for lost in can} == can
 
 
+@pytest.mark.system
 def test_a_bluerov2_heavy_goes_on_without_any_one_thruster():
     ability = ControlAuthority.of(load_vehicle("bluerov2_heavy").model())
     assert {int(ability.judged(as_array(1.0 - np.eye(8)[k]))) for k in range(8)} == {FINE}

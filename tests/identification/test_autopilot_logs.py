@@ -352,6 +352,7 @@ def test_a_truncated_log_of_the_firmware(heavy):
     assert any("cut off or damaged: read to 79.5 s" in note for note in record.notes)
 
 
+@pytest.mark.system
 def test_telemetry_of_a_real_vehicle(heavy):
     """A BlueROV2 Heavy whose propellers go both ways round: what the pilot asked for is what its thrusters make."""
     pytest.importorskip("pymavlink", reason="pip install 'rovtwin[mavlink]'")

@@ -41,6 +41,7 @@ def test_tables_of_the_thesis(force: list[float], speed: list[float], expected: 
     assert fit.coefficients == pytest.approx(expected, abs=0.05)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("nonnegative", [True, False])
 @pytest.mark.parametrize("truth", [(6.5, 159.0), (0.5, 190.0)])

@@ -79,6 +79,7 @@ def test_a_given_stiffness_and_its_width_go_into_every_coefficient():
     assert "stiffness given" in wide.scale
 
 
+@pytest.mark.system
 def test_a_known_weight_gives_the_scale():
     """Two decays, nothing known but the weight: truth within the interval, which is far below the value."""
     added_k, added_J = 4.0, 0.12
@@ -104,6 +105,7 @@ def test_damping_that_the_test_cannot_part_is_reported():
     assert any("their sum is known" in note or "not positive" in note for note in found.notes)
 
 
+@pytest.mark.system
 def test_a_negative_coefficient_is_taken_as_zero_and_reported():
     z = [fit_decay(*release(seed, ratios=np.array([1.4, 0.05, 0.0]), duration=30.0)) for seed in range(4)]
     zero = [found for found in z if found.ratios[2] == 0]
@@ -157,6 +159,7 @@ def test_several_releases_of_one_recording_are_distinguished():
     assert np.abs(z).max() < 4
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("b", [0.01, 0.1, 0.8, 2.5])
 def test_one_release_is_one_part_however_damped(b):
     t, x = release(3, ratios=np.array([1.4, b, 0.0]), duration=60.0)

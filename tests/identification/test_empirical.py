@@ -89,6 +89,7 @@ def test_the_outline_of_two_hulls_counts_what_covers_once():
     np.testing.assert_allclose(found.areas, [0.12, 0.12, 0.16], rtol=5e-3)
 
 
+@pytest.mark.system
 def test_the_outline_of_a_sphere_is_a_disc():
     vehicle = vehicle_from_dict({"name": "v", "description": "", "mass": 5.0, "shape": {"sphere": 0.25}})
     np.testing.assert_allclose(outline_of(vehicle).areas, np.pi * 0.25**2, rtol=0.02)

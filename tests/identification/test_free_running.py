@@ -131,6 +131,7 @@ def test_recovers_the_damping_force(dof: str, tolerance: float) -> None:
         assert result.fits[dof].force(back) == pytest.approx(truth(dof, back), rel=tolerance)
 
 
+@pytest.mark.system
 def test_the_thesis_s_own_method_on_the_same_records_is_far_off() -> None:
     tests = records("surge", 1)
     steady, thesis = free_running(model(), tests), free_running(model(), tests, method="thesis")
@@ -182,6 +183,7 @@ def test_ballast_is_a_force_in_heave() -> None:
     assert runs[1].force - runs[0].force == pytest.approx(9.80665 * 0.8, rel=0.05)
 
 
+@pytest.mark.system
 def test_the_scale_of_the_thrust_goes_into_the_band() -> None:
     tests = records("surge", 5)
     known, unsure = (free_running(model(), tests, thrust_std=s).fits["surge"] for s in (0.0, 0.02))
@@ -221,6 +223,7 @@ def test_depth_alone_gives_heave_and_nothing_gives_an_error() -> None:
         free_running(model(), [blind])
 
 
+@pytest.mark.system
 def test_a_wrong_sign_is_reported() -> None:
     turned = [replace(record, command=-record.command) for record in records("surge", 12)]
     result = free_running(model(), turned, dofs=["surge"])
@@ -274,6 +277,7 @@ def write_log(path: Path, record: Record) -> Path:
     return Log.from_arrays(channels, data, {"log_format": "1"}).write(path)
 
 
+@pytest.mark.system
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     logs = [str(write_log(tmp_path / f"{k}.mcap", record)) for k, record in enumerate(records("surge", 11)[:4])]
     words = ["rovtwin", "evidence", "free-running", "double_blueye", *logs]

@@ -42,6 +42,7 @@ def test_a_box_of_twelve_triangles_within_two_percent(meshes):
     np.testing.assert_allclose(diagonal(meshes / "box.stl")[:3], [114, 70, 279], rtol=0.02)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["sphere.obj", "fine.stl"])
 def test_spheres_within_one_percent(meshes, name):
     """Coarser than the panels, and finer: merged."""

@@ -24,6 +24,7 @@ def test_speed_is_that_of_the_exact_solution():
     assert simulate(one, np.array([21.2]), np.array([8.0]))[0] == pytest.approx(exact, abs=1e-5)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("quantity", ["position", "velocity"])
 def test_recovery(quantity):
     fit = fit_nsga(record(quantity, noise=0.002), (0.0, 200.0), (5.0, 12.0))

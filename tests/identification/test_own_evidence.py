@@ -14,6 +14,8 @@ from rovtwin.identification.own_evidence import OwnEvidence, about_own
 from rovtwin.planning.experiments import what_is_known
 from rovtwin.testing import check_evidence
 
+pytestmark = pytest.mark.system
+
 SOURCE = """
 from rovtwin.identification.own_evidence import OwnEvidence
 class Weighed(OwnEvidence):
@@ -135,7 +137,6 @@ def test_the_contract_holds_what_is_sound():
     check_evidence(Kind())
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(
     ("how", "why"),
     [

@@ -32,6 +32,7 @@ def exact(shape):
     return np.diag(added_mass(solid, RHO))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("shape", [{"sphere": 0.5}, {"ellipsoid": [1.0, 0.2, 0.2]}, {"ellipsoid": [0.3, 0.2, 0.1]}])
 def test_ellipsoids_within_one_percent_of_lamb_in_ten_seconds(shape):
     started = time.perf_counter()
@@ -115,6 +116,7 @@ def test_off_centre_bodies_couple_and_keep_their_energy():
     np.testing.assert_allclose(moved, move_matrix(centred, Placement.of([0.3, -0.2, 0.1])), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "halves",
     [

@@ -192,6 +192,7 @@ def test_published_totals_of_a_part_hold_for_it_and_what_is_added_comes_on_top()
 SKID = {"name": "skid", "mass": 5.0, "shape": {"box": [0.5, 0.4, 0.1]}, "pose": {"position": [0.0, 0.0, 0.3]}}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "message", [{"restoring": {"net_buoyancy": -2.0}}, {"hydrodynamics": {"added_mass": [1, 2, 3, 0.1, 0.1, 0.1]}}, {}]
 )
@@ -294,6 +295,7 @@ def test_more_cannot_go_than_there_is():
 # --- against the panel method
 
 
+@pytest.mark.system
 def test_a_thruster_is_not_known_to_be_tomorrow_what_it_is_today():
     """A fit that tells two forces to 1e-5 took their next difference for the scale of all forces, 8 widths off."""
     vehicle = load_vehicle("double_blueye")

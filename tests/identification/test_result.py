@@ -28,6 +28,8 @@ from rovtwin.report.identification.html import write_identification_report
 from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.physics.model import Model
 
+pytestmark = pytest.mark.system
+
 FREE = [
     "added_mass.surge",
     "*_damping.yaw",
@@ -106,7 +108,6 @@ def saved(found, tmp_path):
     return found.save(tmp_path / "identified.nc")
 
 
-@pytest.mark.system
 def test_what_was_saved_is_the_same_to_the_last_bit(found, saved):
     again = Identification.load(saved)
     records = [r | {"source": Path(r["source"]).name} for r in found.records]
@@ -116,14 +117,12 @@ def test_what_was_saved_is_the_same_to_the_last_bit(found, saved):
     assert repr(again) == repr(found) and "not to be relied on" in repr(again) and len(repr(again)) < 120
 
 
-@pytest.mark.system
 def test_xarray_opens_the_file_unasked(found, saved):
     with xarray.open_dataset(saved) as data:
         assert data["covariance"].dims == ("parameter", "parameter_2")
         np.testing.assert_array_equal(data["theta"].sel(parameter="added_mass.surge"), found.theta[0])
 
 
-@pytest.mark.system
 def test_a_result_without_tests_is_kept_too(run, tmp_path):
     bare = replace(run, held_out=[], records=[])
     same(bare, Identification.load(bare.save(tmp_path / "predicted.nc")))

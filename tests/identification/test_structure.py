@@ -145,6 +145,7 @@ def test_auto_finds_what_is_amiss_and_says_what_it_left(surging):
     assert any("structure 'quadratic'" in line for line in found.findings)
 
 
+@pytest.mark.system
 def test_a_structure_that_cannot_be_is_refused(surging):
     with pytest.raises(IdentificationError, match="have none of the parameters that are free"):
         identify(VEHICLE, [surging], free=["quadratic_damping.surge"], options={"structure": "linear"})

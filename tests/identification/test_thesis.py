@@ -55,6 +55,7 @@ def test_decay_with_weight_in_newtons(axis, added, damping):
     assert decay_as_printed(axis, 9.81) == pytest.approx((added, damping), rel=2e-3)
 
 
+@pytest.mark.system
 def test_decay_corrected_is_what_the_library_vehicle_has(study):
     from rovtwin.vehicle import load_vehicle
 

@@ -39,6 +39,7 @@ def test_offset_and_drift_are_found(offset, drift):
     assert fit.correlation > 0.95
 
 
+@pytest.mark.system
 def test_the_uncertainty_is_honest():
     errors = []
     for seed in range(12):

@@ -240,6 +240,7 @@ def test_damping_is_what_the_plant_needs_to_keep_its_speed() -> None:
     assert fit_damping(speeds, forces, astern=True).coefficients == pytest.approx(TRUTH, abs=1e-6)
 
 
+@pytest.mark.system
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "surge.csv", tows(10, rate=20.0, rig=RIG))
     rig = write(tmp_path / "rig.csv", tows(11, rate=20.0, ahead=(0, 0), astern=(0, 0), rig=RIG, noise=0.3))

@@ -20,6 +20,7 @@ def model_and_largest(name):
     return model, np.abs(reach(model)).min(axis=1)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["bluerov2", "bluerov2_heavy", "gladius_mini", "orca", "tilt_six"])
 def test_it_tips_where_a_held_stick_comes_to_the_speed_from_which_pitch_grows(name):
     model, largest = model_and_largest(name)

@@ -32,6 +32,8 @@ from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 SPEED = 30.0
 ALL = {"position": [1.0, 2.0], "pressure": [3.0], "attitude": [0.0, 0.0, 0.5]} | dict.fromkeys(
     ("gyro", "accelerometer"), [0.0, 0.0, 0.0]
@@ -121,7 +123,6 @@ def flight(scenario, tmp_path_factory):
     return flown, reported
 
 
-@pytest.mark.system
 def test_a_test_over_a_link_is_done_and_says_so_as_a_simulated_one(flight):
     flown, _ = flight
     assert flown.completed and flown.figures["test"] and flown.figures["duration_s"] == pytest.approx(15.0)
@@ -133,7 +134,6 @@ def test_a_test_over_a_link_is_done_and_says_so_as_a_simulated_one(flight):
     assert manoeuvre_table(seen).rows[2][1] == "hand (tilted by hand)"
 
 
-@pytest.mark.system
 def test_what_does_not_exist_in_a_test_is_not_logged(flight):
     log = flight[0].log
     unknown = {"score/cross_track", "score/nees", *NOT_IN_TESTS}
@@ -142,7 +142,6 @@ def test_what_does_not_exist_in_a_test_is_not_logged(flight):
     assert {"host/timing", "autopilot/mode", "sensor/position", "sensor/gyro"} <= set(log.channels)
 
 
-@pytest.mark.system
 def test_identification_reads_it_and_leaves_out_the_hand_and_its_reaction(flight):
     records = read_records(flight[0].folder / "log.mcap", load_vehicle("double_blueye"))
     assert [record.duration for record in records] == pytest.approx([5.0, 6.0 - REACTION], abs=0.5)
@@ -209,7 +208,6 @@ def test_only_hands_change_the_spans(scenario, flight):
 # What ends it, and what it needs
 
 
-@pytest.mark.system
 def test_a_link_lost_in_mid_test_stops_the_thrusters_and_keeps_the_log(tmp_path, scenario):
     clock = Clock(SPEED)
     vehicle = Still(clock)
@@ -229,7 +227,6 @@ def test_a_link_lost_in_mid_test_stops_the_thrusters_and_keeps_the_log(tmp_path,
     assert record.duration == pytest.approx(1.6, abs=0.5)
 
 
-@pytest.mark.system
 def test_without_thrust_all_is_computed_and_no_identification_takes_it(tmp_path, scenario):
     clock, run = Clock(SPEED), tmp_path / "run"
     vehicle = Still(clock)

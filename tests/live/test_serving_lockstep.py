@@ -58,6 +58,7 @@ def firmware(physics):
     firmware.line.close()
 
 
+@pytest.mark.system
 def test_at_rest_the_accelerometer_reads_gravity(firmware):
     for _ in range(50):
         reported = firmware.frame([NEUTRAL] * 8)
@@ -66,6 +67,7 @@ def test_at_rest_the_accelerometer_reads_gravity(firmware):
     np.testing.assert_allclose(reported["imu"]["gyro"], 0.0, atol=0.01)
 
 
+@pytest.mark.system
 def test_the_firmwares_dive_turn_and_surge(firmware):
     """Forward and yaw as ArduSub's 6DOF frame adds them up, seen in the truth it gets back."""
     forward, yaw = [-1, -1, 1, 1, 0, 0, 0, 0], [1, -1, -1, 1, 0, 0, 0, 0]
@@ -78,6 +80,7 @@ def test_the_firmwares_dive_turn_and_surge(firmware):
     assert reported["position"][2] == pytest.approx(0.5, abs=0.3)
 
 
+@pytest.mark.system
 def test_the_truth_is_logged(tmp_path):
     """What came back to the firmware is in the log, 50 times a simulated second."""
     path, reported = tmp_path / "truth.mcap", []

@@ -167,6 +167,7 @@ def test_bad_input_is_named(words, message, tmp_path, monkeypatch):
     assert isinstance(result.exception, ConfigError) and message in str(result.exception)
 
 
+@pytest.mark.system
 def test_a_survey_too_long_for_a_mission_says_so(tmp_path):
     (tmp_path / "sea.yaml").write_text("outline: [[0, 0], [2000, 0], [2000, 2000], [0, 2000]]")
     with pytest.raises(ConfigError, match="split the area"):

@@ -26,6 +26,8 @@ from rovtwin.positioning.track_log import track_log
 from rovtwin.vehicle.description.cameras import Camera
 from rovtwin.vehicle.physics.camera import Port
 
+pytestmark = pytest.mark.system
+
 N = 150
 TUNING = SlamTuning.of(pixel=0.2, acceleration=0.07)
 
@@ -59,7 +61,6 @@ def test_the_smoother_knows_how_good_it_is():
     assert (smoothed.std[N // 2, 3:] < tracked("ekf")[0].std[N // 2, 3:]).all()
 
 
-@pytest.mark.system
 def test_a_wrong_sighting_that_the_filter_took_is_left_out_by_the_smoother():
     pytest.importorskip("gtsam")
     d = cut(drive(), 60)
@@ -75,7 +76,6 @@ def test_a_wrong_sighting_that_the_filter_took_is_left_out_by_the_smoother():
     assert rms(smoothed.position, d.position) < 0.01
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("method", ["ekf", "smoother"])
 def test_fixes_of_single_frames_have_independent_errors_of_the_size_they_say(method):
     if method == "smoother":
@@ -89,7 +89,6 @@ def test_fixes_of_single_frames_have_independent_errors_of_the_size_they_say(met
     assert np.abs(result.fix_std[:, 0]).max() < 0.02
 
 
-@pytest.mark.system
 def test_the_log_of_a_track_reads_as_that_of_a_vehicle_with_a_position_sensor(tmp_path):
     from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
     from rovtwin.vehicle import load_vehicle
@@ -131,7 +130,6 @@ def tracked_with_offset(method):
     return track(recording, [EYE], method, LAYOUT, tuning, start=d.position[0]), off
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("method", ["ekf", "smoother"])
 def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
     if method == "smoother":
@@ -149,7 +147,6 @@ def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
     assert data["rotation_vector_n"] == result.offset.tolist() and data["std"] == result.offset_std.tolist()
 
 
-@pytest.mark.system
 def test_the_sizes_that_the_poses_were_made_with_are_those_of_the_filter():
     """Markers twice as large as the thesis's, none at a known place."""
     big, d, rng = wall(size=0.3), cut(drive(), 20), np.random.default_rng(3)

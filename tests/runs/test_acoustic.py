@@ -41,6 +41,7 @@ def test_an_underwater_gps_bolted_on_errs_too():
     assert 0.03 < simulation.bound(0.2)[0] < 0.45
 
 
+@pytest.mark.system
 def test_identification_is_given_the_errors_of_an_underwater_gps():
     """Logs and records declared its white part, 35 mm of half a metre: the model was said to miss the position."""
     parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
@@ -89,6 +90,7 @@ def test_white_noise_that_says_as_little_as_an_error_that_lasts():
     assert longer[-1] < 0.5 * np.sqrt(2.0 * 2.0 * 300.0)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("memory", [3.0, 30.0])
 def test_a_filter_with_that_noise_is_consistent(memory):
     """One axis, no drag: a walk of the acceleration, positions with a first-order error, 20,000 s.

@@ -75,6 +75,7 @@ def test_a_leak_brings_its_sensor_on_board(flight):
     np.testing.assert_array_equal(leak["leak"], [0, 0, 0, 1, 1, 1, 1][: len(leak)])
 
 
+@pytest.mark.system
 def test_the_altimeter_reads_the_height_above_the_floor(flight):
     altimeter, eta = flight.log["sensor/altimeter"], flight.log["truth/eta"]
     depth, roll, pitch = (np.interp(altimeter["t_valid"], eta.t, eta[name]) for name in ("z", "phi", "theta"))
@@ -228,6 +229,7 @@ def test_batteries_that_are_not_there_are_refused(message, settings):
     assert message in str(error.value)
 
 
+@pytest.mark.system
 def test_a_gauge_of_a_part_tells_nothing_without_a_battery_and_no_rule_waits_for_it():
     gauge = {"name": "pod", "sensors": [{"name": "gauge", "kind": "battery"}]}
     vehicle = vehicle_from_dict({"name": "v", "parts": [{"name": "rov", "part": "double_blueye"}, gauge]})

@@ -138,6 +138,7 @@ def test_depth_and_heading_are_held_while_surge_is_pulled(flight):
     assert np.ptp(eta[:, 0]) > 0.5, "it went somewhere"
 
 
+@pytest.mark.system
 def test_the_way_home_leads_home(flight):
     home = during(flight.log, "home", "truth/eta")
     assert np.hypot(*(home[-1, :2] - [1, 2])) < 0.25  # the thrusters' dead band is 0.17 m of it

@@ -156,6 +156,7 @@ def test_a_scenario_with_numbered_sensors_is_written_and_read_again():
     assert scenario_of(yaml.safe_load(dump_scenario(found)), "again.yaml") == found
 
 
+@pytest.mark.system
 def test_served_drones_have_the_sensors_of_their_own_place():
     served, _ = served_of(load_scenario("lawnmower_calm", ["autopilot=model_based", "sensors.dvl=true"]))
     for drone, y in (("port", -0.28), ("starboard", 0.28)):
@@ -194,6 +195,7 @@ def test_what_a_vehicle_tells_along_its_own_axes_is_not_turned_again(url):
     assert as_read("twin://", found) is found and as_read("replay://log.mcap", found) is found
 
 
+@pytest.mark.system
 def test_a_served_vehicle_tells_what_imus_along_its_axes_would_read():
     """Tilted, turning and accelerating, through imus that look aft and lie on their side; its own filter agrees."""
     found = scenario(vehicle=BUILT_IN)

@@ -338,6 +338,7 @@ def test_by_address_by_entry_point_and_handed_over_they_fly_alike(package):
         np.testing.assert_array_equal(found[0], other)
 
 
+@pytest.mark.system
 def test_settings_and_what_is_offered_reach_it(package):
     run = compose(scenario({"controller": {"block": "own_control:Gravely", "settings": {"share": 2.0}}}))
     assert float(run.loop.autopilot.control.stiffness) == pytest.approx(2.0 * float(run.model.inertia[0, 0]))

@@ -148,6 +148,7 @@ def read_by(sensor, seconds: float):
     return np.asarray(slot.t_valid[:, 0])[valid], np.asarray(slot.value[:, 0])[valid]
 
 
+@pytest.mark.system
 def test_it_flies_beside_the_others_and_the_log_knows_its_fields():
     fault = {"sensor": "probe", "fault": "biased", "value": [5, 0], "at": 2}
     given = {"kind": "probes:Probe", "settings": {"slowness": 0.5}, "position": [0.1, 0, 0.2], "noise": 0.0}

@@ -32,6 +32,7 @@ def joined(records):
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *records)
 
 
+@pytest.mark.system
 def test_a_run_leaves_log_scenario_and_summary(flight):
     assert {path.name for path in flight.folder.iterdir()} == {"log.mcap", "scenario.yaml", "summary.json"}
     log = Log.read(flight.folder / "log.mcap")

@@ -68,6 +68,7 @@ def test_the_claim_of_the_thesis():
         assert real["places"][0]["available_n"] == pytest.approx(20.0)
 
 
+@pytest.mark.system
 def test_a_thesis_sea_that_no_water_could_have_is_refused():
     report = sea_report(compose(load_scenario("lawnmower_waves", ["world.floor=5", STATION])))
     assert report["real_sea"]["verdict"] is None and "break" in report["real_sea"]["line"]
@@ -132,6 +133,7 @@ def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed
     assert "level" not in _stems({"stems_m_s": alike, "thrust_stems_m_s": alike})
 
 
+@pytest.mark.system
 def test_what_would_tip_over_along_its_nose_turns_its_side_to_the_flow():
     """As the autopilot does: a mission that completed was foretold to fail."""
     words = [STATION, "world.current=[-0.5, 0, 0]", "start.position=[0, 0, 3]", "vehicle=lbv300"]
@@ -144,6 +146,7 @@ def test_what_would_tip_over_along_its_nose_turns_its_side_to_the_flow():
     assert report["places"][0]["other_heading_deg"] % 180 == pytest.approx(90)
 
 
+@pytest.mark.system
 def test_the_line_says_that_tethers_are_not_in_it():
     tethered = compose(load_scenario("square_tether", ["world.current=[0,0.1,0]"]))
     assert verdict(tethered)[1].endswith(" (without the tethers' pull)")

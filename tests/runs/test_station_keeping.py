@@ -73,6 +73,7 @@ def test_the_force_of_the_thesis_is_required_as_it_is():
     assert not found.sweep.any() and found.verdict == "holds"
 
 
+@pytest.mark.system
 def test_a_flow_that_tips_it_over_is_none_it_can_hold():
     """Heave added mass of 400 kg against a righting moment of 5.9 N m: pitch goes at 0.12 m/s."""
     strong = vehicle(

@@ -58,6 +58,7 @@ def test_the_hull_is_held_by_the_floor_that_is_below_it():
     assert around.walls.normals.shape == (3, 3) and np.isclose(around.floor, depth)
 
 
+@pytest.mark.system
 def test_what_the_hull_touched_is_reported_with_times_and_durations():
     """By the plant's own geometry: corners against planes, the floor the one that is below them."""
     model = compose(load_scenario("lawnmower_calm")).model

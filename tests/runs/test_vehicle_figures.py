@@ -21,6 +21,7 @@ def test_the_figures_are_those_of_vehicle_show(name):
         assert 0.01 < found["position_bound_surge"] < 0.5
 
 
+@pytest.mark.system
 def test_endurance_is_capacity_over_load():
     figures = {f.key: f.value for f in key_figures(load_vehicle("blueye_pioneer"), 0.0)}  # neutral: no thrust at rest
     assert figures["endurance_at_rest"] == pytest.approx(75 / 20) == figures["endurance"]

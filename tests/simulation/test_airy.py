@@ -184,6 +184,7 @@ def test_waves_run_to_where_the_direction_says():
     assert float(now.velocity[0]) == pytest.approx(-1.2), "under a crest the water runs with the waves"
 
 
+@pytest.mark.system
 def test_a_moving_vehicle_meets_the_waves_at_the_frequency_of_encounter():
     sea, speed = one_wave(omega=1.5), -0.8
     t = jnp.linspace(0.0, 40.0, 4000)
@@ -191,6 +192,7 @@ def test_a_moving_vehicle_meets_the_waves_at_the_frequency_of_encounter():
     np.testing.assert_allclose(met, np.cos((1.5 - 1.5**2 / GRAVITY * speed) * t), atol=1e-9)
 
 
+@pytest.mark.system
 def test_waves_do_not_ride_on_a_current():
     """The stated limit: with a current U the water's acceleration is off from the pressure's by k U / omega."""
     omega, a, speed = np.pi, 1e-6, 0.3

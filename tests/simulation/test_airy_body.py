@@ -55,6 +55,7 @@ def drifted(sea, model, depth, duration, dt=0.02, moving=True):
     return jax.tree.map(np.asarray, run((memory, body, body.position)))
 
 
+@pytest.mark.system
 def test_a_neutral_body_without_drag_follows_the_water():
     """To 5 mm after a minute, at ten times the step of the scenarios; the error goes with the step squared."""
     body, water = drifted(SHORT_CRESTED, sphere(), 2.0, 60.0)

@@ -78,6 +78,7 @@ def test_the_gauge_reads_once_a_second():
     np.testing.assert_allclose(gauge.value[ticks, 0], np.stack([charge.min(1), power.sum(1)], axis=1), rtol=1e-12)
 
 
+@pytest.mark.system
 def test_a_crowd_with_batteries_of_its_own():
     pair = [battery(), battery(capacity_wh=(60.0 / 3600, 10.0))]
     together = jax.jit(jax.vmap(flown))(jax.tree.map(lambda *leaves: jnp.stack(leaves), *pair))
@@ -86,6 +87,7 @@ def test_a_crowd_with_batteries_of_its_own():
             np.testing.assert_allclose(np.asarray(b)[i].astype(float), np.asarray(a).astype(float), atol=1e-9)
 
 
+@pytest.mark.system
 def test_gradient_at_rest_is_finite():
     def used(force):
         block = battery()

@@ -231,6 +231,7 @@ def test_both_renderers_agree_on_marker_corners_and_on_brightness():
     assert np.sqrt((np.concatenate(apart) ** 2).sum(axis=1).mean()) < 0.3
 
 
+@pytest.mark.system
 @gl_here
 def test_lamps_light_and_glow_alike_in_both():
     lamp = {"position": [0.3, 0.0, 0.1], "beam_deg": 70.0, "power": 1.0}
@@ -241,6 +242,7 @@ def test_lamps_light_and_glow_alike_in_both():
     assert np.abs(pictures[0] - pictures[1]).mean() < 1.0
 
 
+@pytest.mark.system
 def test_the_way_to_what_is_seen_is_measured():
     r = renderer(chess(), replace(LEFT, lens=LENSES["pinhole"]), "raycast")
     _, way = r.brightness(np.array([0.0, 0.0, 1.0]), LEVEL)
@@ -272,6 +274,7 @@ def test_water_types_are_those_of_the_references():
     assert Optics.of(Water(beam_attenuation=0.6)).beam[1] == pytest.approx(0.6)
 
 
+@pytest.mark.system
 def test_blur_is_as_long_as_the_way_in_the_picture_while_the_shutter_is_open():
     scene, camera = chess(), replace(LEFT, lens=LENSES["thesis"])
     r = renderer(scene, camera, "raycast")
@@ -290,6 +293,7 @@ def test_blur_is_as_long_as_the_way_in_the_picture_while_the_shutter_is_open():
     assert np.abs(got - expected).max() < 0.03 * np.abs(expected).max()
 
 
+@pytest.mark.system
 def test_motion_blurs_edges_across_it():
     scene, camera = chess(), replace(LEFT, lens=LENSES["pinhole"])
     r = renderer(scene, camera, "raycast", exposure=0.03)
@@ -300,6 +304,7 @@ def test_motion_blurs_edges_across_it():
         assert least < steep[0] / steep[1] < most
 
 
+@pytest.mark.system
 def test_noise_comes_from_its_seed():
     r = renderer(load_scene("pool"), replace(LEFT, lens=LEFT.lens.scaled(1 / 6)), "raycast", noise=3.0)
     clean, one, same, other = (r.image(PLACE, LEVEL, seed=seed).astype(int) for seed in (None, 1, 1, 2))
@@ -325,6 +330,7 @@ def test_a_lens_that_maps_nothing_to_some_pixels_is_named():
         renderer(load_scene("pool"), broken, "raycast")
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_stands_out_of_the_water_is_not_seen_above_the_surface_which_mirrors_what_is_below(kind):
     # A red plate whose upper half is in the air, before a white wall.

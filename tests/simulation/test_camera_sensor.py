@@ -74,6 +74,7 @@ def test_cameras_are_found_by_name_and_scaled():
         camera_named(vehicle_from_dict({"name": "v", "mass": 1.0, "shape": {"sphere": 0.1}}))
 
 
+@pytest.mark.system
 def test_a_section_makes_its_renderer():
     asked = section(camera="starboard.camera", resolution_scale=0.1, exposure=0.02, noise=1.0, renderer="raycast")
     made = camera_renderer(asked, load_scene("pool"), load_vehicle("double_blueye"))

@@ -349,6 +349,7 @@ def test_an_altimeter_reads_along_its_beam():
         assert valid.sum() == 2
 
 
+@pytest.mark.system
 def test_an_altimeter_has_no_reading_where_there_is_no_echo():
     """Beyond its range, level or looking up, from below the floor, and without a floor; finite fillers all the same."""
     down = state((0.0, 0.0, 3.0))
@@ -367,6 +368,7 @@ def test_an_altimeter_has_no_reading_where_there_is_no_echo():
     assert record(Sensor("altimeter", 10.0, max_range=17.1), 100, seen=down)[1].any()
 
 
+@pytest.mark.system
 def test_a_frozen_altimeter_reads_on_where_there_is_no_echo():
     """It repeats its last reading out of reach too, but not while it is silent; without one there is none to repeat."""
     sensor = Sensor("altimeter", 10.0, max_range=18.0, frozen=[(0.15, 1.0)], blackouts=[(0.35, 0.45)])

@@ -218,6 +218,7 @@ def dragged(tether, places, snagged):
     return jax.lax.scan(tick, memory, (places, velocity, snagged))[1]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("weight", [0.0, 0.1])
 def test_gives_no_energy(weight):
     """Led twice round a closed path in still water, in and out of its reach, it takes work and gives none."""
@@ -236,6 +237,7 @@ def test_gives_no_energy(weight):
 LIMP = {"normal_drag": 0.0, "tangential_drag": 0.0}
 
 
+@pytest.mark.system
 def test_a_straight_slack_cable_without_drag_stays_where_it_is():
     """Nothing holds it aside: without the least resistance its equations would have no solution, and give NaN."""
     nodes = jnp.linspace(0.0, 20.0, 11)[:, None] * jnp.eye(3)[0]
@@ -256,6 +258,7 @@ def test_a_slack_cable_without_drag_resists_its_end_all_the_same(weight):
     assert pull.line.tension.max() < 5.0
 
 
+@pytest.mark.system
 def test_a_vehicle_flies_freely_on_a_slack_cable_without_drag():
     """This way and that for half a minute: as on a cable with little drag."""
     rates = jnp.array([1.0, 2.0, 3.0, 0.0, 0.0, 1.5])
@@ -329,6 +332,7 @@ def test_a_body_on_taut_cables_gains_no_energy(sides, stretch):
             assert float(after[-1]) < float(begin), (length, stiffness, share)
 
 
+@pytest.mark.system
 def test_a_jerk_that_the_iterations_do_not_resolve_is_reported():
     """Jerked at 3 m/s, by how much a tension is off: mostly with one iteration a tick, hardly ever with all six."""
     t = jnp.arange(0.0, 10.0, DT)
@@ -339,6 +343,7 @@ def test_a_jerk_that_the_iterations_do_not_resolve_is_reported():
     assert np.mean(patient > ENOUGH) < 0.02 and patient.max() < 1.0
 
 
+@pytest.mark.system
 def test_snagged_holds_where_it_was_caught():
     """Caught half-way, the vehicle can go on only as far as the other half is long; let go, it has all of it again."""
     t = jnp.arange(0.0, 60.0, DT)
@@ -411,6 +416,7 @@ def at_its_limit():
     return run()
 
 
+@pytest.mark.system
 def test_holds_the_vehicle_at_its_length(at_its_limit):
     """It stops there, gives back no energy, and lies still: the sum of both tensions is the thrust."""
     state, lines = at_its_limit

@@ -97,6 +97,7 @@ def test_ideal_sensors_read_the_truth_of_the_same_instant():
     assert np.abs(middle - nu_dot[1:-1])[20:].max() < 0.02 * np.abs(nu_dot).max()
 
 
+@pytest.mark.system
 def test_calm_water_is_the_plant_alone():
     twin = Twin(vehicle(), World(), {})
     (memory, output) = jax.jit(lambda key: fly(twin, key, 100))(KEYS[0])
@@ -108,6 +109,7 @@ def test_calm_water_is_the_plant_alone():
     assert output.measurements == {}
 
 
+@pytest.mark.system
 def test_same_seed_same_bits_other_seed_other_noise(run, flight):
     again = run(KEYS[0])
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(flight[0]), strict=True):
@@ -171,6 +173,7 @@ def test_conditions_on_the_clock_survive_vmap(twin):
     assert single == conditions(batch, memories, 0) == len(twin.sensors) + 2  # nu_dot, and the late one's delivery
 
 
+@pytest.mark.system
 def test_one_sensor_more_changes_nothing_for_the_others(twin, flight):
     fewer = Twin(twin.model, twin.world, {name: twin.sensors[name] for name in ("pressure", "late")})
     _, output = jax.jit(lambda key: fly(fewer, key, 500))(KEYS[0])

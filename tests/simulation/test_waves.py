@@ -106,6 +106,7 @@ def test_statistics_over_an_ensemble():
         assert (force[:, lag] * force[:, 0]).mean() == pytest.approx(expected, abs=4 * np.sqrt((1 + expected**2) / n))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("speed", [0.0, 3.0])
 def test_power_lies_where_the_filter_puts_it(speed):
     """Averaged periodograms against K_w^2 w^2 / |...|^2, at rest and running with the waves: the peak moves down."""

@@ -73,6 +73,7 @@ def test_all_that_can_be_reached_is_seen_and_no_leg_crosses_a_hole(shape, headin
     assert np.allclose(plan.path.corners[[0, -1]], plan.path.points[[0, -1]])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("shape", [SQUARE, U, RING], ids=["square", "u", "ring"])
 def test_auto_is_no_worse_than_any_of_36_headings(shape):
     best = plan_survey(shape, SWATH, PACE, CLEARANCE).seconds

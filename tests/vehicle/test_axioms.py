@@ -1,6 +1,7 @@
 """What mechanics demands of any vehicle: no energy from nowhere, no preferred place, heading, side or moving frame."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -166,6 +167,7 @@ def free_run(model: Model, state: State):
     return jax.lax.scan(step, begin, None, length=4000)[1]
 
 
+@pytest.mark.system
 @given(vehicles(), states)
 def test_energy_balance_of_a_free_run(model, state):
     """Kinetic + potential + lost energy stays what it was, to 1e-8 of the energy that moves about, over 2 s."""
@@ -176,6 +178,7 @@ def test_energy_balance_of_a_free_run(model, state):
     assert np.abs(total - total[0]).max() < 1e-8 * moved
 
 
+@pytest.mark.system
 @given(vehicles(drag=False, neutral=True, centred=True), states)
 def test_free_body_keeps_its_momentum(model, state):
     """Without drag and restoring the momentum of body and water, seen in n, stays; so does the energy."""
@@ -343,6 +346,7 @@ def test_mirrored_vehicle_moves_mirrored(model, state, v_c, a_f, seed):
     np.testing.assert_allclose(b.position, a.position * MIRROR, atol=1e-9)
 
 
+@pytest.mark.system
 @given(vehicles(), st.floats(-1.2, 1.2), seeds)
 def test_symmetric_vehicle_keeps_to_its_plane(model, pitch, seed):
     """Alike to port and starboard, pushed in its plane of symmetry, a vehicle neither sways, rolls nor yaws."""

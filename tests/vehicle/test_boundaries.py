@@ -77,6 +77,7 @@ def test_a_floating_box_has_its_metacentre():
         assert float(moment) == pytest.approx(-float(model.weight) * GM * angle, rel=1e-3)
 
 
+@pytest.mark.system
 def test_the_double_blueye_rises_and_floats_level():
     """With 10 N of net buoyancy it comes up and settles where the rest of its volume stays dry."""
     vehicle = load_vehicle("double_blueye")
@@ -113,6 +114,7 @@ def test_waves_push_what_is_wet():
     assert push[1] == pytest.approx(0.5 * push[0], rel=1e-9)
 
 
+@pytest.mark.system
 def test_deep_water_has_no_surface():
     """Far below it the surface changes nothing, to the bit."""
     model = load_vehicle("double_blueye").model(net_buoyancy=1.0)
@@ -185,6 +187,7 @@ def test_full_thrust_against_a_wall_for_a_minute(way):
     assert np.abs(states.nu[:, :3]).max() < 0.8
 
 
+@pytest.mark.system
 def test_a_wall_gives_no_energy():
     """Thrown at floor and walls without drag: kinetic + potential never rises."""
     model = load_vehicle("double_blueye").model(net_buoyancy=-3.0)

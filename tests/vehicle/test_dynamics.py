@@ -49,6 +49,7 @@ def level_state(seed: int) -> State:
     return dataclasses.replace(random_state(seed), attitude=quaternion_from_euler(jnp.asarray(euler)))
 
 
+@pytest.mark.system
 @settings(max_examples=8)
 @given(vehicles(), seeds)
 def test_step_is_the_oracles(model, seed):
@@ -68,6 +69,7 @@ def test_step_is_the_oracles(model, seed):
     np.testing.assert_allclose(found.nu[-1], x[6:], atol=1e-7)
 
 
+@pytest.mark.system
 def test_rollout_is_steps_in_a_row():
     model, state = build(1), random_state(2)
     u = random_commands(3, 50, 5)
@@ -85,6 +87,7 @@ def test_rollout_is_steps_in_a_row():
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.system
 def test_batch_equals_singles():
     """Different vehicles, starts, commands and currents under vmap, to 1e-12."""
     count, steps = 5, 500

@@ -94,6 +94,7 @@ def test_the_monitor_has_it(model):
     np.testing.assert_allclose(followed(model, model.inertia_inverse, x, thrust), plant, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.system
 def test_the_twin_is_slower_in_a_short_push(model):
     sound = load_vehicle("bluerov2_heavy").model()
     u = jnp.sign(jnp.asarray(np.round(sound.thrusters.configuration[0], 6)))

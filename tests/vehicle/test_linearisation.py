@@ -25,6 +25,7 @@ NU = as_array([0.3, -0.2, 0.1, -0.4, 0.5, 0.2])
 EXACT = {"rtol": 1e-12, "atol": 1e-12}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("model", MODELS)
 def test_jacobians_are_those_of_the_terms(model):
     drag = jax.jacfwd(lambda nu: damping_wrench(model, nu))(NU)

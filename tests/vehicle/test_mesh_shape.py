@@ -231,6 +231,7 @@ def millimetres(folder, sensor, rov):
     return [line for line in check(folder / "v.yaml").findings if "scale: 0.001" in line]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("sensor", "rov", "message"),
     [

@@ -123,6 +123,7 @@ def test_the_plant_stops_where_it_is_stated(thruster, net):
             assert one.coasting_time == pytest.approx(t, rel=2e-3)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["double_blueye", "bluerov2", "bluerov2_heavy"])
 def test_vehicles_of_the_library_stop_so_in_the_plant(name):
     """Free on all axes; only bluerov2's CG, below CO, lets thrust ahead or abeam pitch and roll it."""

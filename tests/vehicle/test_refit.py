@@ -124,6 +124,7 @@ def test_ballast_trims_it_again(name):
     assert np.abs(rest.trim).max() < np.radians(0.1) and rest.stiffness[0] > 0
 
 
+@pytest.mark.system
 def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
     data = load_vehicle("double_blueye").to_dict() | {"name": "found"}
     made_with = fingerprint(vehicle_from_dict(data).file)

@@ -98,6 +98,7 @@ def test_table_is_numpys_interpolation(seed, u):
     np.testing.assert_allclose(settle(thrusters, np.array(u)), expected, atol=1e-12)
 
 
+@pytest.mark.system
 def test_tables_and_power_laws_side_by_side():
     """Only the tabulated thrusters use the table."""
     table = curves(1, "table")
@@ -186,6 +187,7 @@ def test_gradients_are_finite_everywhere(kind):
             assert slope.dtype != float or np.isfinite(slope).all()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", ["linear", "power", "table"])
 def test_slope_is_that_of_differences(kind):
     thrusters = curves(4, kind)

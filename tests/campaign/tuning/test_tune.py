@@ -224,6 +224,7 @@ def ended_by(figures):
     return fly
 
 
+@pytest.mark.system
 def test_hand_tuned_that_never_arrives_is_refused_by_its_first_flights_with_plant_and_reason(scenario, monkeypatch):
     tipped = FIGURES | {"phase": "aborted", "completed": False, "ended": "attitude limit after 12 s, at 11.8 s"}
     monkeypatch.setattr(Crew, "compile", lambda self, runs: None)

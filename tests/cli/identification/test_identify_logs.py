@@ -60,6 +60,7 @@ def run(logs, tmp_path, monkeypatch):
     return words_of
 
 
+@pytest.mark.system
 def test_a_bad_held_out_log_is_left_out_and_the_fit_goes_on(run):
     result, seen = run("good", "--validate", "bad", "--validate", "other", "--json")
     assert result.exit_code == 0, result.output

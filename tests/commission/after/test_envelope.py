@@ -37,6 +37,7 @@ def test_only_what_the_change_has_cost_is_laid_to_it(certified, control, now, ve
         assert "jax 0.1 then" in one.lines()[-1].text
 
 
+@pytest.mark.system
 def test_the_unchanged_vehicle_flies_beside_with_the_numbers_of_the_proof(tmp_path, monkeypatch):
     """Its seed and missions are those of the proof, whatever was asked for since."""
     given = {}

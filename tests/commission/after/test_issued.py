@@ -56,6 +56,7 @@ def test_the_proofs_own_numbers_are_used(bundle):
         assert (found.proven.seed, found.proven.samples) == (7, 3)
 
 
+@pytest.mark.system
 def test_a_bundle_that_is_not_as_sealed_is_refused(bundle, tmp_path):
     (bundle / "stages" / "10-prove" / "1").mkdir(parents=True)
     (bundle / "stages" / "10-prove" / "1" / "outcome.json").write_text("{}")

@@ -49,6 +49,7 @@ def flown(path: Path, vehicle, seed: int, duration: float = 8.0) -> None:
     Log.from_arrays(channels.values(), data, {"water_density": "1000.0"}).write(path)
 
 
+@pytest.mark.system
 def test_a_test_is_found_by_name_length_and_readings(tmp_path):
     vehicle = load_vehicle("blueye_x3")
     logs = {}

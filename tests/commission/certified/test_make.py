@@ -30,6 +30,7 @@ def test_every_file_has_its_hash_and_size(whole):
         assert (one["bytes"], one["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
 
 
+@pytest.mark.system
 def test_what_belongs_in_it_is_in_it(whole):
     names = {path.relative_to(whole[0] / "bundle").as_posix() for path in (whole[0] / "bundle").rglob("*")}
     assert names >= {

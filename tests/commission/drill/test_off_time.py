@@ -33,6 +33,7 @@ def record_of(model, u, ended, noise=2e-3, strength=1.0):
     return Record("drill", t[:1], np.zeros((1, len(u))), signals, END)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("late", [0.0, 0.3, 1.1])
 @pytest.mark.parametrize("strength", [1.0, 0.5])
 def test_it_is_when_the_push_ended_whatever_its_strength(model, late, strength):

@@ -39,6 +39,7 @@ def test_damping_is_that_of_the_model_at_the_fastest_tested_speeds(result):
     assert surge.unit == "N" and yaw[0].unit == "N m"
 
 
+@pytest.mark.system
 def test_widths_are_those_of_draws(result):
     (surge, *_) = damping_forces(result)
     draws = np.random.default_rng(1).multivariate_normal(result.theta, result.covariance, 4000)

@@ -22,6 +22,8 @@ from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Channel, Log, LogWriter
 from rovtwin.core.log.pictures import Album, PictureWriter
 
+pytestmark = pytest.mark.system
+
 ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 
@@ -42,7 +44,6 @@ def short_log(tmp_path, *names, summary=None):
 # States.
 
 
-@pytest.mark.system
 def test_state_is_what_the_log_says(recording):
     log, t = recording.log, 12.34  # samples are at 12.3 and 12.4
     row = int(np.searchsorted(log["autopilot/eta"].t, t)) - 1
@@ -57,7 +58,6 @@ def test_state_is_what_the_log_says(recording):
     assert state["count"] == 2 and state["replay"] and state["stage"] == "replay"
 
 
-@pytest.mark.system
 def test_state_has_all_that_views_know_of_a_flight(recording):
     missing = state_of_a_flight().keys() - recording.state(3.0).keys() - {"markers"}  # which live.js adds
     assert not missing

@@ -89,6 +89,7 @@ def test_who_comes_while_a_process_ends_gets_pictures_of_the_next(reported):
     assert len(FakeProcess.made) == 2
 
 
+@pytest.mark.system
 def test_camera_that_fails_is_reported_once_and_tried_again_ever_more_seldom(reported):
     async def work():
         one = stream(reported, "no light")

@@ -95,6 +95,7 @@ JUNK = [
 ]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("text", JUNK, ids=lambda text: text[:40])
 def test_junk_is_refused_with_an_answer(desk, text):
     page = desk.come("b1")

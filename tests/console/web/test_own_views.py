@@ -78,6 +78,7 @@ def of(kept, number):
     return [message for message in kept if message["kind"] == f"view-{number}"]
 
 
+@pytest.mark.system
 def test_one_that_raises_and_one_that_ends_are_named_while_others_go_on(hub):
     def done(kept):
         return len(of(kept, 0)) >= 3 and of(kept, 1) and len(of(kept, 2)) >= 2
@@ -110,6 +111,7 @@ def test_what_another_process_gives_is_a_view_and_no_more(every, wait):
     assert message["kind"] == "view-0" and message["text"] == "x" and "armed" not in message
 
 
+@pytest.mark.system
 def test_one_that_hangs_is_ended_and_keeps_nobody_waiting(hub, monkeypatch):
     monkeypatch.setattr(own_views, "PATIENCE", 1.0)
     longest = until(hub, ["mine:Hangs", "mine:Fine"], lambda kept: of(kept, 0) and len(of(kept, 1)) >= 5)
@@ -117,6 +119,7 @@ def test_one_that_hangs_is_ended_and_keeps_nobody_waiting(hub, monkeypatch):
     assert longest < 0.5, f"the server was kept waiting for {longest:.2f} s"
 
 
+@pytest.mark.system
 def test_nobody_looks_while_no_page_is_open(hub):
     hub.pages = 0
 

@@ -11,6 +11,7 @@ def one(tree, x):
     return {"product": tree["a"] @ x, "sum": tree["b"] + x.sum()}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("count", [1, 4, 5, 8, 11])
 def test_chunks_are_vmap(count):
     rng = np.random.default_rng(count)

@@ -61,6 +61,7 @@ def test_poses_with_euler_angles_are_those_of_the_flow():
         np.testing.assert_allclose(rotations.pose_rate(velocity, omega, one), reference.eta_dot, atol=1e-12)
 
 
+@pytest.mark.system
 def test_the_covariance_of_a_pose_is_that_of_its_euler_angles():
     factor, six = np.random.default_rng(1).normal(size=(3, 12, 12)), np.zeros(6)
     expected = factor @ np.swapaxes(factor, 1, 2)

@@ -21,6 +21,7 @@ def test_a_product_of_matrices(m, n, p):
         np.testing.assert_allclose(form(jnp.asarray(A), jnp.asarray(B)), A @ B, atol=1e-14)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("n", [1, 2, 3, 8])
 def test_what_elimination_gives_is_what_the_library_gives(n):
     S, e, rows = definite(n), RNG.normal(size=n), RNG.normal(size=(n, 5))

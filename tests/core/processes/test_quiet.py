@@ -41,6 +41,7 @@ def test_banner_is_left_out_and_errors_stay():
     assert kept == [b"***\n", ERROR, ERROR]
 
 
+@pytest.mark.system
 def test_what_xla_writes_while_it_compiles_loses_its_banner_only():
     code = CODE.format(written=ERROR + WORDS)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=True)

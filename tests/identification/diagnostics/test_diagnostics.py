@@ -112,6 +112,7 @@ def test_a_part_is_added_in_either_natural_way(old, way, tmp_path):
     assert found.values["added_mass.surge"] > identify(old, [], old=old).values["added_mass.surge"]
 
 
+@pytest.mark.system
 def test_meshes_travel_with_the_file(old, tmp_path):
     (tmp_path / "garage").mkdir()
     (tmp_path / "garage" / "sonar.stl").write_text("solid sonar\nendsolid\n")
@@ -167,6 +168,7 @@ def test_what_is_not_to_be_relied_on_is_no_prior_unless_asked_for(doubtful):
     assert load_vehicle(doubtful / "out.yaml").doubts == [f"its prior kept.yaml: {DOUBT}"]
 
 
+@pytest.mark.system
 def test_a_result_that_is_not_to_be_relied_on_is_written_with_keep_only(old, tmp_path, monkeypatch):
     (tmp_path / "kept.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
     (tmp_path / "new.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
@@ -191,6 +193,7 @@ def test_the_result_replaces_no_file_of_another_kind(old, tmp_path):
     assert (tmp_path / "out.nc").read_bytes() == b"CDF of a log" and not (tmp_path / "out.yaml").exists()
 
 
+@pytest.mark.system
 def test_it_is_reported_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch):
     path = str(doubtful / "kept.yaml")
     for command in ("check", "show"):
@@ -407,6 +410,7 @@ def out_at(parameters, **factors):
     return np.log([factors.get(g, 1.0) for g in group])
 
 
+@pytest.mark.system
 def test_forces_at_a_common_factor_put_the_gain_of_the_commands_in_doubt(forces):
     parameters, prior = forces
     driven = fly("bluerov2_heavy", "multisine", 3)

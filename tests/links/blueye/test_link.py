@@ -128,6 +128,7 @@ def test_reckoned_positions_are_left_out_unless_asked_for(served):
         assert "position" not in {r.sensor for r in link.read()}
 
 
+@pytest.mark.system
 def test_nothing_is_taken_or_moved_before_arming(served):
     """Somebody else drives by auto depth and heading, as the app does, while a link comes, looks and goes."""
     pilot = Drone(PORT)
@@ -148,6 +149,7 @@ def test_nothing_is_taken_or_moved_before_arming(served):
     pilot.disconnect()
 
 
+@pytest.mark.system
 def test_a_free_drone_stays_free_until_armed(served):
     with closing(BlueyeLink(PORT)) as link, feeding(served):
         link.send(command(1.0, 0.0, 0.0))
@@ -335,6 +337,7 @@ def test_nobody_at_the_address(monkeypatch, timeout):
     assert time.monotonic() - start < timeout + 1
 
 
+@pytest.mark.system
 def test_drone_that_says_who_it_is_and_no_more():
     """Its replies are lost, for which the SDK would wait for ever."""
     loop = asyncio.new_event_loop()
@@ -455,6 +458,7 @@ def test_command_is_split_and_readings_are_joined():
                 link.send(command(0.1, 0.2, 0.3))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("lost", [0, 1])
 def test_one_drone_lost_stops_the_other_within_half_a_second(lost):
     with two() as both:
@@ -491,6 +495,7 @@ def test_command_that_is_half_a_number_stops_both():
             assert wait_for(lambda: not any(motion(served, "port")) and not any(motion(served, "starboard")), 0.25)
 
 
+@pytest.mark.system
 def test_one_of_two_cannot_be_reached(served):
     with pytest.raises(LinkError, match=STARBOARD):
         DoubleBlueyeLink((PORT, STARBOARD), timeout=3.0)

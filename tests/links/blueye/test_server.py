@@ -67,6 +67,7 @@ def arm(drone: Drone, served: Served) -> None:
     assert wait_for(lambda: served.commands and served.commands[-1].armed)
 
 
+@pytest.mark.system
 def test_sdk_connects_to_both_drones_and_each_obeys_its_own():
     with serving(BlueyeServer(hosts=(PORT, STARBOARD), http_port=HTTP), drones=("port", "starboard")) as served:
         assert wait_for(lambda: served.messages)
@@ -169,6 +170,7 @@ def test_motion_modes_and_lights(served, drone):
     assert served.commands[-1].hold_heading
 
 
+@pytest.mark.system
 def test_command_is_repeated_while_the_watchdog_is_fed(served, drone):
     """The SDK sends a motion once; a wish holds for 0.3 s at the vehicle."""
     drone.motion.set_heave(0.5)
@@ -273,6 +275,7 @@ def test_every_request_of_the_sdk_is_answered(served, drone):
     assert len(drone.mission.get_active().instructions) == 0
 
 
+@pytest.mark.system
 def test_mission_by_the_sdk(served, drone):
     """Loaded and started as its examples do, a second before its first watchdog; the target moves where it leads."""
     feeder = Feeder(served)

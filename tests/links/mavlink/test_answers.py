@@ -156,6 +156,7 @@ def received_messages(client, seconds=0.5):
     return found
 
 
+@pytest.mark.system
 def test_refusals_say_why():
     """Once to a client, and in pieces where the text is long."""
     with station() as (_, client):
@@ -304,6 +305,7 @@ def test_lists_that_are_wrong_are_refused_and_change_nothing(kind, items, result
         assert client.next("MISSION_COUNT").count == 4
 
 
+@pytest.mark.system
 def test_an_upload_asks_again_and_gives_up(monkeypatch):
     from rovtwin.links.mavlink.services import mission_service
 

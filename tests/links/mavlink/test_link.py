@@ -24,6 +24,8 @@ from rovtwin.links.mavlink.services.conversation import ANSWERS
 from rovtwin.links.mavlink.telemetry.streams import RATES
 from rovtwin.vehicle import load_vehicle
 
+pytestmark = pytest.mark.system
+
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
 
 SURGE_SWAY_YAW = np.eye(6)[:, [0, 1, 5]]
@@ -69,7 +71,6 @@ def test_readings_are_si(how):
     assert by["leak"] == [0.0]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("depth", ["VFR_HUD", "GLOBAL_POSITION_INT"])
 def test_depth_from_elsewhere(depth):
     with linked(readings=Readings(depth=depth)) as (served, link):
@@ -80,7 +81,6 @@ def test_depth_from_elsewhere(depth):
         Readings(depth="SONAR")
 
 
-@pytest.mark.system
 def test_arms_in_manual_and_flies():
     with linked(server_options={"gain": 0.5}) as (served, link):
         assert not link.armed
@@ -100,7 +100,6 @@ def test_arms_in_manual_and_flies():
             link.arm()
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(("firmware", "turned"), [((4, 5), [0.3, -0.2]), ((4, 1), [0.0, 0.0])])
 def test_rolls_and_pitches_as_the_version_does(firmware, turned, monkeypatch):
     """By microseconds, without the pilot's gain, from 4.5 on; not at all before."""
@@ -116,7 +115,6 @@ def test_rolls_and_pitches_as_the_version_does(firmware, turned, monkeypatch):
     assert ("ArduSub 4.1 does not roll and pitch" in " ".join(warned)) == (firmware == (4, 1))
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("silent", [512, 520])
 def test_the_version_is_asked_for_in_either_way(silent, monkeypatch):
     monkeypatch.delitem(COMMANDS, silent)
@@ -125,7 +123,6 @@ def test_the_version_is_asked_for_in_either_way(silent, monkeypatch):
         assert link.firmware == (4, 5)
 
 
-@pytest.mark.system
 def test_a_vehicle_that_does_not_say_what_its_sticks_do_is_not_armed(monkeypatch):
     for number in (512, 520):
         monkeypatch.delitem(COMMANDS, number)
@@ -140,7 +137,6 @@ def test_a_vehicle_that_does_not_say_what_its_sticks_do_is_not_armed(monkeypatch
         assert not served.commands
 
 
-@pytest.mark.system
 def test_throttle_has_a_gain_of_its_own(monkeypatch):
     """Twice as much up and down: 0.2 down are 0.2, also where the first answers get lost."""
     answers, lost = ANSWERS["PARAM_REQUEST_READ"], iter(range(3))
@@ -154,7 +150,6 @@ def test_throttle_has_a_gain_of_its_own(monkeypatch):
         assert soon(lambda: abs(last_motion(served)[2] - 0.2) < 1 / 399), last_motion(served)
 
 
-@pytest.mark.system
 def test_the_gain_in_force_comes_from_a_firmware_that_streams_nothing_by_itself(caplog):
     """ArduSub has no interval for named values (measured: 511 for 251 is denied): they come by their stream."""
     with linked(gain=None, server_options={"rates": dict.fromkeys(RATES, 0.0)}) as (served, link):
@@ -185,7 +180,6 @@ def test_the_gain_in_force_counts_and_its_changes_are_reported():
     assert unreported.firmware is None, "0 is no version"
 
 
-@pytest.mark.system
 def test_wrench_arrives_at_the_vehicle():
     """Commands that six axes can say give the served vehicle the forces that they give by themselves."""
     heavy = mixer(load_vehicle("bluerov2_heavy").model().thrusters)
@@ -206,7 +200,6 @@ def test_arming_refused_says_why():
             link.arm()
 
 
-@pytest.mark.system
 def test_other_mode_is_not_steered():
     """Somebody takes the vehicle over: our axes would be rates there."""
     with linked() as (served, link):
@@ -223,7 +216,6 @@ def test_other_mode_is_not_steered():
         assert later and MODES[2].hold_depth and all(w.hold_depth and not any(w.motion) for w in later)
 
 
-@pytest.mark.system
 def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
     with linked() as (served, link):
         link.arm()
@@ -234,7 +226,6 @@ def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
         assert soon(lambda: not served.commands[-1].armed, 1.0)
 
 
-@pytest.mark.system
 def test_age_and_a_vehicle_that_falls_silent(monkeypatch):
     with serving(endpoint(udp_port=(port := free_port()), tcp_port=None)) as served:
         assert soon(lambda: bool(served.messages))
@@ -268,7 +259,6 @@ def kinds_sent(link):
     return sent
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("end", ["stop", "close", "refused"])
 def test_unarmed_link_leaves_the_vehicle_to_its_pilot(end):
     with linked() as (served, link):
@@ -312,7 +302,6 @@ def test_stop_ends_arming_at_once_and_disarms():
         assert soon(lambda: not link.armed)
 
 
-@pytest.mark.system
 def test_arming_has_one_limit_and_disarms_when_it_gives_up(monkeypatch):
     monkeypatch.setattr("rovtwin.links.mavlink.link.ARMING", 1.0)
     with linked(gain=1.0) as (_served, link):

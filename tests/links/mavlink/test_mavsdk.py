@@ -85,6 +85,7 @@ def set_mode(flying, number):
     MavlinkDirect(flying.system).send_message(message)
 
 
+@pytest.mark.system
 def test_refused_arming_is_an_error(flying):
     assert flying.refused is not None
 

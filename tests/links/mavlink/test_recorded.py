@@ -38,6 +38,7 @@ def messages():
         return found
 
 
+@pytest.mark.system
 def test_the_same_messages_at_the_same_rates(messages):
     counts = Counter(message.get_type() for message in messages)
     for kind, rate in REAL["rates"].items():

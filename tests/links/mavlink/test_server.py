@@ -79,6 +79,7 @@ def station(speed=1.0, system=255, how="udpout", readings=None, **options):
             client.connection.close()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("how", ["udpin", "udpout", "tcp"])
 def test_arms_and_flies(how):
     with station(how=how) as (served, client):
@@ -144,6 +145,7 @@ def test_telemetry_is_the_vehicles():
     assert got["SYSTEM_TIME"].time_unix_usec == 1622541600000000 + 12_500_000
 
 
+@pytest.mark.system
 def test_rates_are_in_simulated_time():
     """Ten simulated seconds within one: the rate counts the vehicle's."""
     with station(speed=10.0, how="tcp") as (served, client):
@@ -172,6 +174,7 @@ def test_rates_on_and_off():
         assert client.command(511, 9999, 1000) == 2 and client.command(511, math.nan, math.nan) == 2
 
 
+@pytest.mark.system
 def test_what_is_not_measured_is_not_sent():
     server = endpoint()
     with serving(server) as served:

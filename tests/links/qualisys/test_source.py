@@ -63,6 +63,7 @@ def test_poses_are_those_that_were_fed(sensors):
         assert source.connections == 1 and source.dropped == 0 and "connected" in source.status
 
 
+@pytest.mark.system
 def test_times_are_those_of_qtm():
     port = free_port()
     with serving(QtmServer(port=port)) as served, QtmSource(HOST, "rov", port=port) as source:
@@ -138,6 +139,7 @@ def frame(t, x=1.0, R=None):
     return wire.data_packet(t, 1, ("6dres",), np.array([x, 2.0, 3.0]), np.eye(3) if R is None else R)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "junk",
     [
@@ -183,6 +185,7 @@ def test_silent_server_holds_up_nobody(monkeypatch):
         assert source.read() == []
 
 
+@pytest.mark.system
 def test_closing_does_not_wait():
     port = free_port()
     with peer(lambda client: time.sleep(1.0), port):

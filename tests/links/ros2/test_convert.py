@@ -56,6 +56,7 @@ def test_heading_east_is_yaw_zero(heading, yaw):
     assert (found - yaw + 180) % 360 - 180 == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.system
 @given(angles)
 @settings(max_examples=EXAMPLES, deadline=None)
 def test_orientation_is_the_same_attitude_seen_in_the_frames_of_ros(euler):

@@ -183,6 +183,7 @@ def test_our_link_finds_out_that_our_server_stamps_in_simulated_time(speed):
         assert link.age < 1.0
 
 
+@pytest.mark.system
 def test_garbage_moves_nothing_and_the_server_goes_on():
     server = Ros2Server("rov", FORCES, DOMAIN, middleware="cyclonedds")
     nan, good = msg.WrenchStamped(wrench=msg.Wrench(msg.Vector3(math.nan))), msg.WrenchStamped()

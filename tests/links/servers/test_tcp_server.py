@@ -56,6 +56,7 @@ def test_forty_silent_connections_keep_nobody_out(served):
         client.close()
 
 
+@pytest.mark.system
 def test_who_says_something_stays_and_the_oldest_of_the_silent_goes(served):
     port, ask = served
     time.sleep(2 * open_tcp_server.IDLE)  # those that asked whether it is there have left, or are silent

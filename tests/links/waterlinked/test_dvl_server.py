@@ -123,6 +123,7 @@ def test_bottom_lock_is_lost_without_readings(rig):
     assert report["vx"] == 0.25
 
 
+@pytest.mark.system
 def test_bottom_lock_is_lost_when_the_vehicle_dies(rig):
     """Nothing is fed any more: half a second of real time later clients know."""
     served, client, _ = rig

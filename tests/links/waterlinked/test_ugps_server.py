@@ -236,6 +236,7 @@ def test_half_a_request_waits_for_nobody(rig, monkeypatch):
     assert is_closed(slow)
 
 
+@pytest.mark.system
 def test_many_connections(rig):
     """More than are served: those that idle take the places, until they are asked to leave."""
     served, client, port = rig

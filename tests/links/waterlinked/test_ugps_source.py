@@ -140,6 +140,7 @@ def test_kit_that_dies_and_comes_back():
             assert source.read() == []
 
 
+@pytest.mark.system
 def test_closing_does_not_wait_for_the_kit():
     port = free_port()
     with peer(lambda client: time.sleep(1.0), port):

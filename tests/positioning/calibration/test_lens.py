@@ -71,6 +71,7 @@ def test_the_lens_comes_back(images, tmp_path):
     assert (tmp_path / "residuals.png").stat().st_size > 5000
 
 
+@pytest.mark.system
 def test_a_camera_file_is_read_as_it_was_written_and_takes_the_place_of_the_vehicles_lens(images, tmp_path):
     import yaml
 

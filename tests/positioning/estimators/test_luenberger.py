@@ -39,12 +39,14 @@ def test_as_printed_landmarks_run_apart_by_a_tenth_in_each_step_with_two_markers
     assert spread(out, -1) > 1e3
 
 
+@pytest.mark.system
 def test_as_printed_with_one_marker_it_does_not_run_away_so_fast():
     """The only landmark and the vehicle: errors grow by 1 + L_3 - L_1, less than one."""
     out, d = run(as_printed=True, markers=1)
     assert rms(out, d) < 1.0
 
 
+@pytest.mark.system
 def test_mended_it_follows_and_the_velocity_gain_of_the_thesis_is_why_it_lags():
     slow, d = run()
     quick, _ = run(gains="tuned")

@@ -28,6 +28,7 @@ def view(distance, lens=SMALL, seed=0, **options):
     return image, corners_seen(layout, eye, p, R, rng, pixel=0.0), layout, eye, p, R
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("distance", [1.0, 2.0])
 def test_corners_are_found_to_a_fraction_of_a_pixel(distance):
     image, truth, *_ = view(distance)
@@ -61,6 +62,7 @@ def test_a_print_is_fitted_from_a_pixel_beside_it_and_not_from_where_it_is_not()
     assert fitted(cv2, image, "DICT_4X4_50", number, corners - corners.min(axis=0)) is None  # a corner of the image
 
 
+@pytest.mark.system
 def test_a_tone_curve_that_is_not_undone_makes_markers_smaller():
     image, truth, *_ = view(1.0)
     toned = np.round(255.0 * (image / 255.0) ** (1 / 2.2)).astype(np.uint8)
@@ -98,6 +100,7 @@ def test_an_empty_image_and_one_without_markers_give_none():
         assert len(Detector()(image).ids) == 0
 
 
+@pytest.mark.system
 def test_a_copy_of_a_marker_is_flagged():
     image, *_ = view(1.0)
     twice = np.concatenate([image, image], axis=1)
@@ -105,6 +108,7 @@ def test_a_copy_of_a_marker_is_flagged():
     assert sorted(found.ids) == [0, 0, 1, 1] and found.duplicated.all()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("port", [None, Port.of(0.03, 0.005)])
 def test_pose_of_a_marker_is_exact_for_exact_corners(port):
     lens = lens_from(LENS.focal, LENS.principal, LENS.size, LENS.distortion, port)

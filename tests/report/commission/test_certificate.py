@@ -74,6 +74,7 @@ def test_figures_beyond_all_measure_go_on_to_a_second_sheet():
     assert len(sheets.pages) > 1 and size == SIZES[-1]
 
 
+@pytest.mark.system
 def test_the_pdf_has_the_appendix_and_no_time_in_it(tmp_path):
     one, two = tmp_path / "one.pdf", tmp_path / "two.pdf"
     for path in (one, two):

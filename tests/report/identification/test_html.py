@@ -136,6 +136,7 @@ def test_the_verdict_comes_first_and_says_what_was_learnt_and_what_not(page, res
     assert any("every one is better" in s for s in found_text.sentences)
 
 
+@pytest.mark.system
 def test_what_did_not_settle_or_was_not_held_out_is_bad_news(result):
     now = curves_of(result)[0]
 
@@ -263,6 +264,7 @@ def test_coloured_residuals_widen_the_intervals(result):
     assert "3.9 times as wide" in assumptions(coloured)[-1]
 
 
+@pytest.mark.system
 def test_without_tests_it_says_so(result, tmp_path):
     empty = replace(
         result, solution=None, fitted=[], held_out=[], residuals={}, records=[], blind=[], tested={},

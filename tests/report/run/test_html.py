@@ -15,6 +15,8 @@ from rovtwin.report.run.tables import mission_table, sensor_table
 from rovtwin.report.run.vehicle import vehicle_tables
 from rovtwin.report.run.verdict import scores, verdict
 
+pytestmark = pytest.mark.system
+
 
 class Page(HTMLParser):
     """Links, texts and open tags of a page."""
@@ -51,7 +53,6 @@ def page(folder):
     return Page(write_report(synthetic(dt=0.5), folder).read_text())
 
 
-@pytest.mark.system
 def test_page_needs_no_network(page, folder):
     outside = [link for link in page.links if not link.startswith(("data:image/png;base64,", "#", "figures/"))]
     assert outside == []
@@ -60,12 +61,10 @@ def test_page_needs_no_network(page, folder):
     assert "@import" not in source and "url(" not in source and "http" not in re.sub(r"base64,[^\"]*", "", source)
 
 
-@pytest.mark.system
 def test_page_is_well_formed(page):
     assert page.open == []
 
 
-@pytest.mark.system
 def test_links_lead_somewhere(page, folder):
     source = (folder / "report.html").read_text()
     for link in page.links:

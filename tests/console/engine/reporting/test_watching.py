@@ -24,6 +24,8 @@ from rovtwin.monitoring.flight import Found
 from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
 
+pytestmark = pytest.mark.system
+
 SECONDS, ZERO = 65.0, 7.0  # of the flight; an engine's clock when it is armed
 
 
@@ -88,7 +90,6 @@ def flown(known, tmp_path_factory):
     return watch, news, log.close("disarmed"), Log.read(folder / "run" / "log.mcap")
 
 
-@pytest.mark.system
 def test_what_has_changed_is_an_event_once_and_in_the_log_and_its_summary(flown):
     watch, news, summary, log = flown
     text = "; ".join(text for _, text in news)
@@ -101,7 +102,6 @@ def test_what_has_changed_is_an_event_once_and_in_the_log_and_its_summary(flown)
     assert std["thruster_port_surge"][-1] < 0.1
 
 
-@pytest.mark.system
 def test_the_page_is_given_what_is_learnt_and_what_has_changed(flown):
     watch, *_ = flown
     message = watch.message(armed=False)

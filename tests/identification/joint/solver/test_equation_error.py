@@ -68,6 +68,7 @@ def test_a_large_dead_band_is_found(blueye):
     assert found[i] == pytest.approx(truth[i], abs=0.5)  # without that, 5 away
 
 
+@pytest.mark.system
 def test_without_velocities_or_rates_the_prior_is_the_start(blueye):
     _, _, prior, balance = blueye
     _, _, log = flown(blueye, 4, signals=("depth",))

@@ -85,6 +85,7 @@ def test_where_the_readings_tell_the_scale_nothing_moves_along_it(reported):
     np.testing.assert_allclose(covariance, np.diag([1 / (reported + 2), 1 / (reported + 1)]))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("measured", [0.1, 0.5, 1.0, 1.5])
 @pytest.mark.parametrize("noise", [0.2, 0.6])
 def test_a_damping_that_is_hardly_seen_is_taken_at_its_mean(measured, noise):
