@@ -53,7 +53,7 @@ _LONG = (
     *("test_supervisor.py", "test_loads.py", "test_twin.py", "test_tune.py", "test_sea.py", "test_commands.py"),
     *("test_free_running.py", "test_result.py", "test_diagnostics.py", "test_sensors.py"),
     *("test_vehicle_figures.py", "test_hub.py", "test_detection.py", "test_serving.py", "test_html.py"),
-    *("test_devices.py"),
+    "test_devices.py",
 )
 
 # Programs of these modules run longer than it takes to optimise them. None of them is also compiled in a process that a
@@ -64,12 +64,12 @@ _RUN_LONG = (
 )
 
 # What these drive was not written here, and takes its time to start: they are `system` as a whole.
-_OUTSIDE = {"test_mavlink_mavsdk.py", "test_mavsdk_examples.py", "test_ros2_network.py"}
+_OUTSIDE = ("links/mavlink/test_mavsdk.py", "links/mavlink/test_mavsdk_examples.py", "links/ros2/test_network.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.name in _OUTSIDE or "browser" in getattr(item, "fixturenames", ()):
+        if item.path.as_posix().endswith(_OUTSIDE) or "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.system)
     items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
 

@@ -63,6 +63,8 @@ def test_a_reading_that_was_typed_before_a_break_is_not_lost(tmp_path, model):
     with pytest.raises(KeyboardInterrupt):
         scale.run(work)
     person = Scripted(no=["One more pull"])
+    with pytest.raises(KeyboardInterrupt):  # killed once more, as it offers the reading
+        scale.run(Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, Killed()))
     again = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, person)
     outcome = scale.run(again)
     assert f"Before the break the scale read {1.03 * pull.expected:.3g} N in surge" in person.questions[0]
@@ -80,10 +82,13 @@ def test_who_doubts_an_earlier_reading_pulls_again(tmp_path, model):
     person = Scripted([1000.0, 0.9 * pull.expected], no=["Before the break", "One more pull"])
     outcome = scale.run(Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, person))
     assert outcome.measured["anchors"][0]["bollard"]["force"] == pytest.approx(0.9 * pull.expected)
-    (work.folder / scale.READINGS).write_text('[{"direction": "surge", "comm', encoding="utf-8")
-    cut = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, Scripted())
-    (work.dossier.attempts("scale")[-2].folder / scale.READINGS).write_text('[{"dire', encoding="utf-8")
-    assert scale.before_the_break(cut) == []
+    after = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, Scripted(no=["Before the break"]))
+    assert [one.force for one in scale.before_the_break(after)] == [pytest.approx(0.9 * pull.expected)], "the newest"
+    scale.run(after)
+    later = Work(work.dossier, work.dossier.next_attempt(1, STAGE).folder, Scripted())
+    assert scale.before_the_break(later) == [], "who said no is not asked again"
+    (after.folder / scale.READINGS).write_text('[{"dire', encoding="utf-8")
+    assert [one.force for one in scale.before_the_break(later)] == [pytest.approx(0.9 * pull.expected)], "half a file"
 
 
 def test_the_pull_stays_within_what_the_scale_can_read(model):

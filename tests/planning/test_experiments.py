@@ -48,7 +48,9 @@ def test_a_path_leaves_room_for_a_fence_that_positions_can_hold():
     out = 1.5 - float(np.abs(np.asarray(model.hull.corners))[:, 1].max())
     east = np.array([0.0, out - 0.16, out - 0.14, 0.16 - out, 0.14 - out])
     position = np.stack([np.zeros(5), east, np.full(5, 0.75)], axis=1).repeat(5, axis=0)
-    flown = SimpleNamespace(t=np.arange(25.0), position=position, attitude=np.tile([1.0, 0, 0, 0], (25, 1)))
+    flown = SimpleNamespace(
+        t=np.arange(25.0), position=position, attitude=np.tile([1.0, 0, 0, 0], (25, 1)), aborted_at=None
+    )
     assert set(tank.past_a_fence(model, flown, 0.03)) == {*range(10, 15), *range(20, 25)}
     assert len(tank.past_a_fence(model, flown, 0.0)) == 0
     tank.require_fence(model, 0.03)

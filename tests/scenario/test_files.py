@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.files import dump_scenario, list_missions, list_scenarios, load_mission, load_scenario
+from rovtwin.scenario.files import dump_scenario, list_missions, list_scenarios, load_mission, load_scenario, put
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.autopilot import _say_replaced
 from rovtwin.scenario.seeds import parse_seeds
@@ -209,3 +209,23 @@ def test_steering_that_los_has_replaced_is_flown_as_los_and_reported(steering, c
     assert [f"{steering} is flown as los" in line for line in caplog.messages] == [True]
     with pytest.raises(ConfigError, match=r"autopilot\.\S*guidance\.steering"):
         load_scenario("square", ["autopilot={type: model_based, guidance: {steering: slos}}"])
+
+
+def test_elements_that_share_an_alias_are_set_each_by_itself():
+    """`<<: *t` shares what is nested: one thruster's force used to be set for all of them."""
+    leg = {"position": [1.0, 0.0, 2.0]}
+    data = {"mission": {"waypoints": [leg, leg]}}
+    put(data, "mission.waypoints[1].speed", 0.11, "a test")
+    assert data["mission"]["waypoints"] == [leg, leg | {"speed": 0.11}] and "speed" not in leg
+    put(data, "mission.waypoints[*].position", [3.0, 3.0, 1.0], "a test")
+    put(data, "mission.waypoints[0].position[0]", 9.0, "a test")
+    assert [point["position"][0] for point in data["mission"]["waypoints"]] == [9.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("path", "why"),
+    [("faults[*].at", "has no elements"), ("mission.waypoints[0]speed", "is no path"), ("faults[0].at", "there is no")],
+)
+def test_a_path_that_leads_nowhere_is_no_silent_override(path, why):
+    with pytest.raises(ConfigError, match=why):
+        put({"faults": [], "mission": {"waypoints": [{"position": [1.0, 0.0, 2.0]}]}}, path, 20.0, "a test")

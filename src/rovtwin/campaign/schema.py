@@ -68,7 +68,7 @@ def complete(campaign: Campaign, where: str = "campaign", folder: Path | None = 
     """
     data, scenario_where, base = _found(campaign.scenario, where, folder)
     # Elements of lists, and parts of the vehicle, are there only when all is written out.
-    late = {key for key in campaign.set if "[" in key or key.startswith("vehicle.")}
+    late = [key for key in campaign.set if "[" in key or key.startswith("vehicle.")]
     for key, value in campaign.set.items():
         if key not in late:
             put(data, key, value, f"{where}: set")

@@ -81,9 +81,12 @@ def run(work: Work) -> Outcome:
     words = ", ".join(f"{one.force:.3g} N in {one.direction}" for one in kept)
     if kept and work.person.confirm(f"Before the break the scale read {words}. Is that still right, and to be used"):
         page = _Page(work, kept[-1].most)
+        page.checks.append(Check("note", "readings", f"{words}: read in an attempt before the break"))
         for one in kept:
             page.take(pull_of(model, one.direction, one.command), one)
     else:
+        if kept:  # who doubts them is not asked again
+            write_text(work.folder / READINGS, "[]")
         most = _largest_reading(work, model, able)
         if most is None:
             return _without("there is no scale")
@@ -99,19 +102,19 @@ def run(work: Work) -> Outcome:
 
 
 def before_the_break(work: Work) -> list[Reading]:
-    """Readings of the last attempt if that was not passed, of the vehicle as it is described now."""
+    """Newest readings of attempts that were not passed, of the vehicle as it is described now."""
     attempts = work.dossier.attempts("scale")
     now = next((one for one in attempts if one.folder == work.folder), None)
-    earlier = attempts[: attempts.index(now)] if now is not None else []
-    if now is None or not earlier or earlier[-1].fingerprint != now.fingerprint:
+    if now is None:
         return []
-    last = earlier[-1]
-    if last.outcome is not None and last.outcome.go:
-        return []
-    try:
-        return [Reading(**row) for row in json.loads((last.folder / READINGS).read_text(encoding="utf-8"))]
-    except (OSError, ValueError, TypeError):  # nothing was read, or half of it
-        return []
+    for last in reversed(attempts[: attempts.index(now)]):
+        if last.fingerprint != now.fingerprint or (last.outcome is not None and last.outcome.go):
+            break
+        try:
+            return [Reading(**row) for row in json.loads((last.folder / READINGS).read_text(encoding="utf-8"))]
+        except (OSError, ValueError, TypeError):  # nothing was read, or half of it
+            continue
+    return []
 
 
 def _largest_reading(work: Work, model: Model, able: list[str]) -> float | None:

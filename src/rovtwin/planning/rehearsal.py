@@ -43,8 +43,8 @@ class Rehearsed:
     scenario: Scenario
     t: Float[np.ndarray, " n"]
     position: Float[np.ndarray, "n 3"]
-    attitude: Float[np.ndarray, "n 3"]
-    nu: Float[np.ndarray, "n 3"]
+    attitude: Float[np.ndarray, "n 4"]
+    nu: Float[np.ndarray, "n 6"]
     command: Float[np.ndarray, "n thrusters"]
     records: list[Record]
     aborted_at: float | None

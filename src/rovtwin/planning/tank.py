@@ -90,7 +90,8 @@ class Tank:
             errs: Standard deviation of a measured position [m].
         """
         away = np.abs(flown.position[:, :2])
-        return flown.t[(away > self.touches(model, flown) - 2.0 * ERRS * errs).any(axis=1)]
+        end = np.inf if flown.aborted_at is None else flown.aborted_at
+        return flown.t[(away > self.touches(model, flown) - 2.0 * ERRS * errs).any(axis=1) & (flown.t <= end)]
 
     def require_fence(self, model: Model, errs: float) -> None:
         """Raises ConfigError where positions err [m] by too much for a fence about the middle."""

@@ -13,7 +13,7 @@ from rovtwin.core.trust import consent_to_addresses
 from rovtwin.core.user_files.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.scenario.assets import found_beside
-from rovtwin.scenario.paths import is_name, set_at, steps_of
+from rovtwin.scenario.paths import is_name, separated, set_at, steps_of
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 
 _ROOT = Path(str(files("rovtwin.scenario")))
@@ -191,6 +191,7 @@ def put(data: dict[str, Any], key: str, value: Any, where: str) -> None:
             f"{where}: the scenario names its vehicle ({named}) and does not describe it: change a file of it (rovtwin "
             "vehicle add, remove and ballast write one) and name that: --set vehicle=my_vehicle.yaml"
         )
+    data |= {name: separated(section) for name, section in data.items()}
     at, (*sections, last) = data, names
     for step in sections:
         if not isinstance(at.get(step), dict):

@@ -4,6 +4,7 @@ Overrides (`--set`) and campaigns (`set`, `vary`) name places by them.
 """
 
 import re
+from copy import deepcopy
 from typing import Any, TypeGuard
 
 from rovtwin.core.errors import ConfigError
@@ -30,6 +31,8 @@ def steps_of(path: str, where: str) -> list[str | int]:
         at = match.end()
         if path[at : at + 1] == "." and re.match(r"[A-Za-z_]", path[at + 1 :]):
             at += 1
+        elif path[at : at + 1] != "[":
+            break
     if at != len(path) or not steps or not is_name(steps[0]):
         raise ConfigError(f"{where}: {path!r} is no path, expected one such as world.current.velocity[1]")
     return steps
@@ -82,7 +85,7 @@ def set_at(
                     f"{where}: {_joined(written, key)} is {kind_in_words(found)}, expected a number's path; "
                     f"name one of {within} in it"
                 )
-            here[key] = value
+            here[key] = deepcopy(value)  # one for each place
 
 
 def _keys(here: Any, step: str | int, path: str, where: str, new: bool = False) -> list[Any]:
@@ -94,6 +97,8 @@ def _keys(here: Any, step: str | int, path: str, where: str, new: bool = False) 
         hint = f"; switch it on: set: {{{path}: {SWITCHES[path]}}}" if path in SWITCHES else ""
         raise ConfigError(f"{where}: the scenario has no {path}{hint}")
     if isinstance(here, list) and step == "*":
+        if not here:
+            raise ConfigError(f"{where}: {path} has no elements, so that {path}[*] names nothing")
         return list(range(len(here)))
     if isinstance(here, list) and isinstance(step, int):
         if step >= len(here):
@@ -107,6 +112,13 @@ def _keys(here: Any, step: str | int, path: str, where: str, new: bool = False) 
     raise ConfigError(
         f"{where}: {path or 'the scenario'} is {kind_in_words(here)}, expected {expected} for the path to go on"
     )
+
+
+def separated(value: Any) -> Any:
+    """Mappings and lists anew: those that YAML's aliases (`*name`, `<<: *name`) share become each its own."""
+    if isinstance(value, dict):
+        return {key: separated(one) for key, one in value.items()}
+    return [separated(one) for one in value] if isinstance(value, list) else value
 
 
 def _require_no_sum(here: Any, path: str, key: Any, where: str) -> None:

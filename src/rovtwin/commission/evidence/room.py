@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.commission.work import Work
+from rovtwin.core.errors import ConfigError
 from rovtwin.live.connect import on_this_machine
 from rovtwin.planning.plan import Plan
 from rovtwin.planning.rehearsal import Rehearsed
-from rovtwin.planning.tank import Tank
+from rovtwin.planning.tank import ERRS, Tank
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.experiment import pieces_of
 from rovtwin.runs.compose.sensors import sensors_of
@@ -38,6 +39,11 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     tank = work.request.room
     tank.require_fence(plan.model, errs)
     half, deepest = fence(plan.model, plan.flown, tank)
+    if np.any(half + ERRS * errs > tank.touches(plan.model, plan.flown)):
+        raise ConfigError(
+            f"the planned path leaves no room for a fence before the walls of {tank}, as positions err by {errs:.2g} m "
+            "(one standard deviation). Repeat this stage with another --seed, or a larger --tank"
+        )
     corners = [[north * half[0], east * half[1]] for north, east in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
     rules: dict[str, Any] = {
         "geofence": {"polygon": corners, "after": max(LASTING, 1.5 * interval), "action": "stop"},

@@ -52,7 +52,7 @@ def track_of(
         eta: Estimated pose [m, rad].
         waypoint: Number of the one that is approached, from 0.
     """
-    left = np.flatnonzero(waypoint > FIRST)
+    left = np.flatnonzero(waypoint >= FIRST + 1)
     if not left.size or left[0] == len(t) - 1:
         return None
     began = float(t[left[0]])
