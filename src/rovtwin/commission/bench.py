@@ -118,7 +118,7 @@ class Readings:
 
     @property
     def mean(self) -> Float[np.ndarray, " k"]:
-        """Shape (k,)."""
+        """Of each component."""
         return self.value.mean(axis=0)
 
     def allan(self, seconds: float = 1.0) -> Float[np.ndarray, " k"]:

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rovtwin.commission.dip.response import clear
 from rovtwin.commission.stage import Check
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.identification.logs.motion import STEP, WIDTH, Motion
@@ -45,19 +46,10 @@ def balance(vehicle: Vehicle, record: Record, floor: float = np.inf) -> Iterator
     """Lines about net buoyancy, trim, and righting stiffness, as far as sensors tell them; depth of the floor [m]."""
     model, motion = vehicle.model(), Motion.of(record)
     force = thruster_forces(model, motion) @ np.asarray(model.thrusters.configuration).T
-    free = _free(model, motion, floor)
+    free = clear(model, motion, floor, CLEAR)
     yield from _buoyancy(model, motion, force, free)
     yield from _trim(vehicle, motion, free)
     yield from _righting(model, motion, force, free)
-
-
-def _free(model: Model, motion: Motion, floor: float) -> Bool[np.ndarray, " m"]:
-    """When the hull is in the water and off the floor."""
-    depth = motion.values("depth")
-    if depth is None:
-        return np.ones(len(motion.t), dtype=bool)
-    corners = np.asarray(model.hull.corners)[:, 2]
-    return (depth[0][:, 0] + corners.min() > CLEAR) & (depth[0][:, 0] + corners.max() < floor - CLEAR)
 
 
 def _buoyancy(

@@ -71,7 +71,7 @@ def columns(model: Model, record: Record, floor: float = np.inf, lags: Sequence[
     y = accelerations(motion)
     others = _others(motion, y)
     known = np.isfinite(y).any(axis=0)
-    good = np.isfinite(y[:, known]).all(axis=1) & np.isfinite(others).all(axis=1) & _clear(model, motion, floor)
+    good = np.isfinite(y[:, known]).all(axis=1) & np.isfinite(others).all(axis=1) & clear(model, motion, floor, CLEAR)
     if good.sum() < 10 * (others.shape[1] + model.thrusters.count):
         raise IdentificationError(
             f"{record.source}: found {good.sum() * STEP:.1f} s of pushes with gyro and attitude, clear of floor and "
@@ -105,13 +105,13 @@ def accelerations(motion: Motion) -> Float[np.ndarray, "m 6"]:
     return found
 
 
-def _clear(model: Model, motion: Motion, floor: float) -> Bool[np.ndarray, " m"]:
-    """When the hull is clear of floor and surface; always where nobody measures depth."""
+def clear(model: Model, motion: Motion, floor: float, least: float) -> Bool[np.ndarray, " m"]:
+    """When the hull is `least` [m] or more from floor and surface; always where nobody measures depth."""
     depth = motion.values("depth")
     if depth is None:
         return np.ones(len(motion.t), dtype=bool)
     height, z = np.asarray(model.hull.corners)[:, 2], depth[0][:, 0]
-    return ~((z + height.max() > floor - CLEAR) | (z + height.min() < CLEAR))
+    return ~((z + height.max() > floor - least) | (z + height.min() < least))
 
 
 def speeds(motion: Motion, y: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 6"]:
