@@ -11,7 +11,7 @@ from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.model.catalogue import catalogue, choose
 from rovtwin.identification.joint.model.couplings import COUPLINGS, bound_of, place_of, shares
 from rovtwin.identification.joint.model.groups import thruster_groups
-from rovtwin.identification.joint.model.parameters import MOUNTING
+from rovtwin.identification.joint.model.parameters import DELAYS, MOUNTING
 from rovtwin.identification.joint.model.prior import default_prior
 from rovtwin.identification.joint.solver.anchors import static_evidence
 from rovtwin.identification.joint.solver.options import Options
@@ -59,7 +59,7 @@ def test_every_parameter_moves_the_model_and_only_it(everything, model_at):
     base = np.zeros(len(everything))
     leaves = [np.asarray(x, float) for x in jax.tree.leaves(model_at(base))]
     for i, p in enumerate(everything.free):
-        if p.name in ("tether.drag", "commands.delay", *MOUNTING):
+        if p.name in ("tether.drag", "commands.delay", *MOUNTING, *DELAYS):
             continue  # of the test, not of the vehicle
         moved = base.copy()
         moved[i] = 0.1

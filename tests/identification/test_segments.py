@@ -77,3 +77,18 @@ def test_nodes_are_states_of_co_not_of_the_sensors(exact):
         np.testing.assert_allclose(nodes["nu"][1:-1, :3], 0.0, atol=5e-3)
         if name == "position":
             np.testing.assert_allclose(nodes["position"][1:-1], 0.0, atol=5e-3)
+
+
+@pytest.mark.parametrize(("first", "begins"), [(0.0, 0.0), (0.3, 1.0)])
+def test_readings_count_once_thrusters_have_settled_from_what_nobody_knows(first, begins):
+    read = np.arange(0.05, 8.0, 0.05)
+    record = Record("x", np.array([0.0, 0.5]), np.array([[first], [0.7]]), {"depth": Signal(read, read[:, None])}, 8.0)
+    rows = cut([record], Grid(STEP, 50, settling=1.0)).arrays["depth"]
+    assert rows["value"][rows["used"] > 0.0].min() == pytest.approx(max(begins, 0.05))
+
+
+def test_of_a_short_record_no_more_than_a_quarter_is_left_out():
+    read = np.arange(0.05, 2.0, 0.05)
+    record = Record("x", np.array([0.0]), np.array([[0.5]]), {"depth": Signal(read, read[:, None])}, 2.0)
+    rows = cut([record], Grid(STEP, 50, settling=1.0)).arrays["depth"]
+    assert rows["value"][rows["used"] > 0.0].min() == pytest.approx(0.5)

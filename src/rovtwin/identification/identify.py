@@ -22,6 +22,7 @@ from rovtwin.identification.diagnostics.plausible import about_equal_thrusters, 
 from rovtwin.identification.diagnostics.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.diagnostics.remarks import (
     about_alike,
+    about_delays,
     about_inflow,
     about_mounting,
     about_parts,
@@ -43,7 +44,7 @@ from rovtwin.identification.joint.estimate import estimate
 from rovtwin.identification.joint.model.catalogue import catalogue, choose
 from rovtwin.identification.joint.model.couplings import place_of
 from rovtwin.identification.joint.model.gaussian import Gaussian
-from rovtwin.identification.joint.model.parameters import DIRECTIONS, INFLOW, MOUNTING, Parameters
+from rovtwin.identification.joint.model.parameters import CLOCKS, DELAYS, DIRECTIONS, INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.model.prior import default_prior
 from rovtwin.identification.joint.result.payload import predicted_change, prior_from
 from rovtwin.identification.joint.result.scale import scale_response, with_scale
@@ -173,6 +174,7 @@ def identify(
     findings += lines_about(ladder) + about_own(anchors)
     findings += (
         about_mounting(parameters, theta, C)
+        + about_delays(parameters, theta, C)
         + about_inflow(parameters, theta)
         + about_segments(problem.segments.grid.span, not problem.measured_starts)
         + about_push(parameters, theta, solution.noise.push(problem.segments.grid.span))
@@ -272,17 +274,20 @@ def _predicted(
 def default_free(parameters: Parameters, records: Sequence[Record], inflow: bool = False) -> list[str]:
     """All parameters but those that nothing asks for.
 
-    That is tether drag without a tether, damping astern where the file has it like ahead, a delay and the mounting of
+    That is tether drag without a tether, damping astern where the file has it like ahead, delays and the mounting of
     a gyro without tests that tell them and, unless `inflow`, thrust lost to it where the file has none.
     """
     model = parameters.model
-    tether, gyro = any(r.tether_length for r in records), any("gyro" in r.signals for r in records)
+    tether, logged = any(r.tether_length for r in records), {name for r in records for name in r.signals}
+    clock = next((name for name in CLOCKS if name in logged), "")
     out = []
     for p in parameters.free:
         family, _, where = p.name.partition(".")
         if (p.name == "tether.drag" and not tether) or (p.name == "commands.delay" and not records):
             continue
-        if p.name in MOUNTING and not gyro:
+        if p.name in MOUNTING and "gyro" not in logged:
+            continue
+        if p.name in DELAYS and (DELAYS[p.name] == clock or DELAYS[p.name] not in logged):
             continue
         if p.name.endswith(f".{INFLOW}") and not inflow and p.base == 0.0:
             continue
@@ -312,7 +317,8 @@ def parameters_and_prior(
     if old is not None:
         base = old.model() if change is None else change.model
     everything = catalogue(vehicle, settings.groups_of(vehicle, old), base)
-    chosen = list(free) or default_free(everything, records, settings.structure in WITH_INFLOW)
+    used = records if settings.accelerometer else [r.without("accelerometer") for r in records]
+    chosen = list(free) or default_free(everything, used, settings.structure in WITH_INFLOW)
     if old is not None and old.file.identified is not None:
         known = {p.name for p in old.file.identified.estimate.parameters}
         chosen += [p.name for p in everything.free if p.name in known and p.name not in chosen]

@@ -14,7 +14,7 @@ from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.model.couplings import place_of
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.model.nodes import FADES
-from rovtwin.identification.joint.model.parameters import INFLOW, MOUNTING, Parameters
+from rovtwin.identification.joint.model.parameters import DELAYS, INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.result.payload import without_shape
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
@@ -27,6 +27,7 @@ _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 3
 _FORM = 0.003
 PUSHED = 0.05  # of the thrust, beyond which a push is a finding
 ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is reported
+LATE = 0.02  # of a sensor, beyond which it is reported [s]
 _CLEAR = 3.0  # standard deviations from zero, beyond which an effect is named
 _MOVED = 0.5  # of a width, by which an effect moves a parameter that is named
 _BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is reported
@@ -84,6 +85,25 @@ def about_mounting(
         return []
     fix = "straighten it, or turn mounting_deg of the signal by as much in the evidence file"
     return [f"the gyro is mounted askew by {', '.join(found)}: {fix}"]
+
+
+def about_delays(
+    parameters: Parameters, theta: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> list[str]:
+    """Sensors whose readings are older or newer than the log says, by more than LATE and their width."""
+    std = np.sqrt(np.diag(covariance))
+    found = [
+        f"{DELAYS[name]} by {1e3 * theta[i]:.0f} +- {1e3 * 1.96 * std[i]:.0f} ms"
+        for i, name in enumerate(parameters.names)
+        if name in DELAYS and abs(theta[i]) > max(1.96 * std[i], LATE)
+    ]
+    if not found:
+        return []
+    fix = "it is estimated and taken out here, but no autopilot knows of it: mend the clock, or the signal's delay"
+    return [
+        f"readings are older than the log says, against those of the gyro or what serves as clock: "
+        f"{', '.join(found)}: {fix}"
+    ]
 
 
 def about_segments(span: float, pushed: bool) -> list[str]:

@@ -13,6 +13,7 @@ from rovtwin.identification.joint.model.couplings import bound_of, shares
 from rovtwin.identification.joint.model.groups import thruster_groups
 from rovtwin.identification.joint.model.parameters import (
     DAMPINGS,
+    DELAYS,
     DIRECTIONS,
     INFLOW,
     MOUNTING,
@@ -50,6 +51,7 @@ def catalogue(
     found.append(Parameter("tether.drag", "N s2/m3", 0.05, True))
     found.append(Parameter("commands.delay", "s", 0.0, False))
     found += [Parameter(name, "rad", 0.0, False) for name in MOUNTING]
+    found += [Parameter(name, "s", 0.0, False) for name in DELAYS]
     return Parameters(model, tuple(found), groups)
 
 
@@ -111,7 +113,8 @@ def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> I
 def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
     """Those whose names fit one of the patterns (`added_mass.*`); the rest stay at their starting values.
 
-    What an inflow takes and how a gyro is mounted has to be named: `thrusters.*.inflow_loss`, `sensors.gyro.*`.
+    What an inflow takes, how a gyro is mounted and how late sensors are has to be named: `thrusters.*.inflow_loss`,
+    `sensors.gyro.*`, `sensors.*.delay`.
 
     Raises:
         IdentificationError: A pattern fits nothing.
@@ -130,8 +133,8 @@ def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
 
 
 def _is_meant(pattern: str, parameter: Parameter) -> bool:
-    """Whether a pattern frees it: `*` frees neither a loss of thrust that the file does not have nor a mounting."""
-    rare = (INFLOW, "gyro") if parameter.base == 0.0 else ()
+    """Whether a pattern frees it: `*` frees neither a loss of thrust that the file does not have nor a sensor."""
+    rare = (INFLOW, "sensors") if parameter.base == 0.0 else ()
     hidden = [word for word in rare if word in parameter.name.split(".") and word not in pattern]
     return fnmatchcase(parameter.name, pattern) and not hidden
 

@@ -34,6 +34,9 @@ from rovtwin.vehicle.physics.model import Model
 DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 DAMPINGS = ("linear_damping", "quadratic_damping", "linear_damping_astern", "quadratic_damping_astern")
 MOUNTING = tuple(f"sensors.gyro.{axis}" for axis in ("roll", "pitch", "yaw"))  # [rad]
+# Signals by how well their clock serves as that of all; the first that was logged has no delay of its own.
+CLOCKS = ("gyro", "attitude", "velocity", "position", "horizontal", "depth", "accelerometer")
+DELAYS = {f"sensors.{name}.delay": name for name in CLOCKS[1:]}  # [s]
 INFLOW = "inflow_loss"  # of a group of thrusters [s/m]: a difference, as it may be none
 THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
 
@@ -96,19 +99,32 @@ class Parameter:
         return 1.0 - (value / self.bound) ** 2
 
 
+class Sensing(eqx.Module):
+    """What the log does not say of its sensors.
+
+    Attributes:
+        mounting: By which the gyro is turned against what the file says, a small rotation in b [rad]; None:
+            no parameter.
+        delays: By which a signal's readings are older than the log says, against those of the first of CLOCKS that it
+            has [s]; those that are parameters.
+    """
+
+    mounting: Vector3 | None = None
+    delays: dict[str, Scalar] = eqx.field(default_factory=dict)
+
+
 class Extras(eqx.Module):
     """Parameters of a test rather than of the vehicle.
 
     Attributes:
         tether_drag: Force on the vehicle per metre paid out and square of its speed [N s2/m3].
         delay: Of the commands on their way to the thrusters, beside what the log says [s]; None: no parameter.
-        mounting: By which the gyro is turned against what the file says, a small rotation in b [rad]; None:
-            no parameter.
+        sensing: Of the sensors.
     """
 
     tether_drag: Scalar
     delay: Scalar | None = None
-    mounting: Vector3 | None = None
+    sensing: Sensing = Sensing()
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +255,8 @@ def _extras(value: Mapping[str, Scalar]) -> Extras:
     mounting = None
     if any(name in value for name in MOUNTING):
         mounting = jnp.stack([value.get(name, as_array(0.0)) for name in MOUNTING])
-    return Extras(value.get("tether.drag", as_array(0.0)), value.get("commands.delay"), mounting)
+    delays = {signal: value[name] for name, signal in DELAYS.items() if name in value}
+    return Extras(value.get("tether.drag", as_array(0.0)), value.get("commands.delay"), Sensing(mounting, delays))
 
 
 def _ratios(ratio: Mapping[str, Scalar], kind: str) -> Vector6:

@@ -35,6 +35,7 @@ WIDTHS: dict[str, float] = {
     "thrusters.*.dead_band": 1.0,
     "thrusters.*.time_constant": 0.5,
     "tether.drag": 0.7,
+    "sensors.*.delay": 0.02,  # [s], of one clock or protocol against another, beyond what the log says
     "sensors.gyro.*": 0.02,  # [rad], of a bracket or a board in its housing
     "commands.delay": 0.03,  # [s], of a link and of motor controllers, beyond what the log says
 }

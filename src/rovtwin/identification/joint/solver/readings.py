@@ -11,6 +11,7 @@ from rovtwin.core.frames import cross, quaternion_normalise, rotation_between, r
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.types import Quaternion, Scalar, Vector3, Vector6
 from rovtwin.identification.joint.model.nodes import Nodes
+from rovtwin.identification.joint.model.parameters import Sensing
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.measurement import acceleration_of_point, velocity_of_point
 
@@ -23,7 +24,7 @@ def gaps_along(
     own: dict[str, Any],
     levers: dict[str, Any],
     step: float,
-    mounting: Vector3 | None = None,
+    sensing: Sensing,
 ) -> dict[str, Float[Array, "_ _"]]:
     """Prediction less reading by signal.
 
@@ -33,15 +34,26 @@ def gaps_along(
         own: The segment's readings, see `Segments.arrays`.
         levers: By signal.
         step: Of the grid [s].
-        mounting: Of the gyro, see `Extras`.
+        sensing: Of the sensors.
     """
     gaps = {}
     for name, lever in levers.items():
-        rows = own[name]
-        x, nu_dot = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
-        x = x._replace(position=_place_between(path, rows["row"], rows["share"], step))
-        gaps[name] = _gap(name, x, nu_dot, jnp.asarray(lever), rows["value"], mounting)
+        row, share = own[name]["row"], own[name]["share"]
+        if name in sensing.delays:
+            row, share = _earlier(row, share, sensing.delays[name] / step, path.nu.shape[0] - 2)
+        x, nu_dot = jax.tree.map(lambda x, row=row, share=share: _between(x, row, share), (path, rates))
+        x = x._replace(position=_place_between(path, row, share, step))
+        gaps[name] = _gap(name, x, nu_dot, jnp.asarray(lever), own[name]["value"], sensing.mounting)
     return gaps
+
+
+def _earlier(
+    row: Int[Array, " R"], share: Float[Array, " R"], steps: Scalar, last: int
+) -> tuple[Int[Array, " R"], Float[Array, " R"]]:
+    """Places on the grid so many steps before; beyond the segment's ends its first or last step goes on."""
+    place = row + share - steps
+    before = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)), 0, last).astype(int)
+    return before, place - before
 
 
 def _between(

@@ -24,11 +24,21 @@ _MOST = 4  # commands within one step of the grid
 
 @dataclass(frozen=True)
 class Grid:
-    """How records are cut: integration step [s], steps in a segment, rate of readings used [1/s], about."""
+    """How records are cut.
+
+    Attributes:
+        step: Of the integration [s].
+        steps: In a segment.
+        rate: Of the readings that are used, about [1/s].
+        settling: For so long after a record has begun with a command its readings are not used [s]: what the thrusters
+            gave before it is not known, and they are taken as settled at it. One wrong start would pass for a
+            disturbance that the vehicle may have at any time, and all intervals would be wider.
+    """
 
     step: float = 0.02
     steps: int = 250
     rate: float = 20.0
+    settling: float = 0.0
 
     @property
     def span(self) -> float:
@@ -146,10 +156,15 @@ def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
     linked = np.ones(count)
     linked[-1] = 0.0
     out = _Cut(command, held, fresh, linked)
-    last = record.start + steps * grid.step
+    used = record.start + _unsettled(record, grid.settling), record.start + steps * grid.step
     for name in names:
-        out.rows[name] = {"segments": _rows(record.signals.get(name), record.start, last, count, grid, name)}
+        out.rows[name] = {"segments": _rows(record.signals.get(name), record.start, used, count, grid, name)}
     return out
+
+
+def _unsettled(record: Record, settling: float) -> float:
+    """Seconds at the start of a record that tell nothing, a quarter of it at most."""
+    return min(settling, 0.25 * record.duration) if np.any(record.command[0]) else 0.0
 
 
 def _commands_within(
@@ -187,12 +202,14 @@ def _of_one_size(pieces: Sequence[_Cut]) -> dict[str, np.ndarray]:
     return {key: np.concatenate([padded(getattr(p, key)) for p in pieces]) for key in ("command", "held")}
 
 
-def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Grid, name: str) -> list[tuple]:
-    """Per segment: grid row, share of the way to the next one, value."""
+def _rows(
+    signal: Signal | None, start: float, used: tuple[float, float], count: int, grid: Grid, name: str
+) -> list[tuple]:
+    """Per segment: grid row, share of the way to the next one, value; of the readings between two times."""
     size = len(SIGNALS[name][0])
     if signal is None:
         return [(np.zeros(0, int), np.zeros(0), np.zeros((0, size)))] * count
-    keep = (signal.t >= start - 1e-9) & (signal.t <= last + 1e-9)
+    keep = (signal.t >= used[0] - 1e-9) & (signal.t <= used[1] + 1e-9)
     t, value = signal.t[keep], signal.value[keep]
     t, value = _thinned(t, value, start, grid)
     place = np.clip((t - start) / grid.step, 0.0, None)

@@ -18,10 +18,10 @@ from jaxtyping import Float
 from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.frames import quaternion_normalise, quaternion_rate, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.core.types import Vector3, Vector6
+from rovtwin.core.types import Vector6
 from rovtwin.identification.joint.model.loads import WRENCH, accelerated, thrust_history
 from rovtwin.identification.joint.model.nodes import FADES, NODE, Nodes, difference, moved
-from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.model.parameters import Parameters, Sensing
 from rovtwin.identification.joint.solver.equation_error import Balance
 from rovtwin.identification.joint.solver.readings import gaps_along, offsets_by_signal, squared
 from rovtwin.identification.joint.solver.segments import Segments
@@ -181,10 +181,10 @@ class Shooting:
         return path, jax.vmap(rate)(path, jnp.concatenate([tau[:, 0], tau[-1:, 2]]))
 
     def _gaps(
-        self, path: Nodes, rates: Float[Array, "points 6"] | None, own: dict[str, Any], mounting: Vector3 | None
+        self, path: Nodes, rates: Float[Array, "points 6"] | None, own: dict[str, Any], sensing: Sensing
     ) -> dict[str, Float[Array, "_ _"]]:
         """Prediction less reading of one segment, by signal."""
-        return gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step, mounting)
+        return gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step, sensing)
 
     def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
         """Next nodes, and what belongs to each segment apart from commands."""
@@ -202,9 +202,8 @@ class Shooting:
     ) -> Blocks:
         """Normal equations at theta, offsets, nodes; sigma decides which readings are outliers."""
         parts, d_parts, tau, d_tau = self._linearised(theta, arrays)
-        mounting, d_mounting = parts[1].mounting, jnp.zeros((3, NODE + d_tau.shape[-1]))
-        if mounting is not None:
-            d_mounting = d_mounting.at[:, NODE:].set(d_parts[1].mounting.T)
+        sensing = parts[1].sensing
+        d_sensing = jax.tree.map(_of_theta, d_parts[1].sensing)
         following, own = self._per_segment(nodes, arrays)
         loads = arrays["effects"].shape[-1]
 
@@ -218,15 +217,14 @@ class Shooting:
             )
 
             def gaps(
-                errors: Float[Array, "points 18"], more: Float[Array, "points 6"], turn: Vector3
+                errors: Float[Array, "points 18"], more: Float[Array, "points 6"], other: Sensing
             ) -> dict[str, Float[Array, "_ _"]]:
                 there = None if rates is None else rates + more
-                turned = None if mounting is None else mounting + turn
-                return self._gaps(jax.vmap(moved)(path, errors), there, own, turned)
+                return self._gaps(jax.vmap(moved)(path, errors), there, own, other)
 
-            still = jnp.zeros(S.shape[:2]), jnp.zeros(d_rates.shape[:2]), jnp.zeros(3)
+            still = jnp.zeros(S.shape[:2]), jnp.zeros(d_rates.shape[:2]), sensing
             value, columns = jax.vmap(lambda *d: jax.jvp(gaps, still, d), in_axes=-1, out_axes=(None, -1))(
-                S, d_rates, d_mounting
+                S, d_rates, d_sensing
             )
             end = jax.tree.map(lambda x: x[-1], path)
             by_end, by_next = jax.jacfwd(
@@ -264,7 +262,7 @@ class Shooting:
         def one(segment: Any) -> tuple[dict[str, Float[Array, "_ _"]], Float[Array, "18"]]:
             node, next_node, tau, own = segment
             path, rates = self._path(parts, tau, node, own)
-            gaps = self._gaps(path, rates, own, parts[1].mounting)
+            gaps = self._gaps(path, rates, own, parts[1].sensing)
             split = offsets_by_signal(self._names, gaps, offsets)
             residual = {name: gaps[name] + split[name] for name in self._names}
             return residual, own["linked"] * difference(next_node, jax.tree.map(lambda x: x[-1], path))
@@ -276,6 +274,11 @@ class Shooting:
         parts = self._parts(theta)
         _, own = self._per_segment(nodes, arrays)
         return _chunked(lambda s: self._path(parts, s[1], s[0], s[2])[0], (nodes, self._wrenches(parts, arrays), own))
+
+
+def _of_theta(derivatives: Float[Array, "m ..."]) -> Float[Array, "... n"]:
+    """Derivatives by theta as the last axis, behind zeros for the node, which what it is of does not depend on."""
+    return jnp.moveaxis(jnp.pad(derivatives, [(NODE, 0)] + [(0, 0)] * (derivatives.ndim - 1)), 0, -1)
 
 
 def _chunked(function: Any, segments: Any) -> Any:
