@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +116,20 @@ def jit_once(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
     return call
 
 
+def _unmarked() -> Any:
+    """A context in which calls have no mark: that of `in_one_piece` is of its own call, not of those inside."""
+    return set_xla_metadata(xla_cpu_small_call=None, inlineable=None)
+
+
+def shapes_in_one_piece(function: Callable[..., Any], *arguments: Any, **static: Any) -> Any:
+    """`jax.eval_shape` of what `in_one_piece` compiles later on: its trace is kept and serves for both.
+
+    JAX keeps a trace by the context in which it was made; one from outside would be made a second time.
+    """
+    with _unmarked():
+        return jax.eval_shape(partial(function, **static), *arguments)
+
+
 # How XLA says that it cannot compile something into one piece.
 _NOT_WHOLE = ("UNIMPLEMENTED", "Failed to materialize symbols")
 
@@ -141,8 +155,7 @@ def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options:
     def whole(*arguments: Any, **named: Any) -> Any:
         @jax.jit
         def inner(*given: Any) -> Any:
-            # The mark is of this call, not of those inside.
-            with set_xla_metadata(xla_cpu_small_call=None, inlineable=None):
+            with _unmarked():
                 return function(*given, **named)
 
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
@@ -170,4 +183,7 @@ def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options:
     return call
 
 
-__all__ = ["Array", "as_array", "cache_folder", "in_one_piece", "jax", "jit_once", "jnp", "module_for", "unoptimised"]
+__all__ = [
+    *("Array", "as_array", "cache_folder", "in_one_piece", "jax", "jit_once", "jnp", "module_for"),
+    *("shapes_in_one_piece", "unoptimised"),
+]

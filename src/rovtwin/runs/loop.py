@@ -1,6 +1,5 @@
 """The closed loop: autopilot and twin, compiled together and advanced in chunks of one simulated second."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,7 +10,7 @@ from rovtwin.core.arrays.batch import batched
 from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
-from rovtwin.core.numerics import Array, in_one_piece, jax, jit_once, jnp
+from rovtwin.core.numerics import Array, in_one_piece, jax, jit_once, jnp, shapes_in_one_piece
 from rovtwin.core.types import HostArray, Index, PRNGKey, Scalar, Vector3, Vector6
 from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.events.topside import Topside
@@ -202,7 +201,7 @@ class HostLoop:
         given = jax.tree.map(
             lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (loop, memory, jnp.arange(1)[0])
         )
-        _, record = jax.eval_shape(partial(_tick, control_dt=control_dt), *given)
+        _, record = shapes_in_one_piece(_tick, *given, control_dt=control_dt)
         self._layouts = _Layouts(Layout(loop), Layout(memory), Layout(record))
         self._loop = _flatten(loop, layout=self._layouts.loop)
         self._memory = _flatten(memory, layout=self._layouts.memory)

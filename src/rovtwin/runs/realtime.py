@@ -9,7 +9,7 @@ from jaxtyping import Float
 from rovtwin.core.arrays.flat import Layout, Packer
 from rovtwin.core.block import Block
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Command, Measurement, Measurements
-from rovtwin.core.numerics import Array, in_one_piece, jax, jnp
+from rovtwin.core.numerics import Array, in_one_piece, jax, jnp, shapes_in_one_piece
 
 NO_PILOT_COMMAND = (0.0, 0.0, 0.0, 0.0)  # of a pilot: the vehicle stays
 
@@ -37,7 +37,7 @@ class HostAutopilot:
         """
         inputs = AutopilotInput(slots, jnp.asarray(NO_REQUEST))
         step = jax.jit(lambda autopilot, memory, inputs: autopilot.step(memory, inputs, control_dt))
-        _, output = jax.eval_shape(step, autopilot, memory, inputs)
+        _, output = shapes_in_one_piece(step, autopilot, memory, inputs)
         blocks, self._takes, self._gives = Layout(autopilot), Layout(inputs), Layout((output, memory))
         places = self._takes.places()
         output_places, _ = self._gives.places()
