@@ -125,7 +125,7 @@ class _Excitation:
             work.request.seed + number,
             lambda what, share: work.person.progress(f"planning part {number}: {what}", share),
             by_hand=self.hands,
-            positions=work.positions() or {},  # of a vehicle that measures them: room for a fence all the same
+            positions=work.positions() or {},  # where a part measures them: room for a fence all the same
         )
 
     def _fly(self, plan: Plan, number: int) -> Check | None:

@@ -197,8 +197,8 @@ def _efforts(made: Prediction, log: Log, track: Track) -> list[tuple[Foreseen, f
 def _effort(one: Foreseen, flown: float, axes: int) -> Check:
     low, high = (100.0 * (ratio - 1.0) for ratio in one.ratio())
     text = (
-        f"it takes {100.0 * (flown / one.middle - 1.0):+.0f} % against the prediction, whose 95 % band is {low:+.0f} "
-        f"to {high:+.0f} %"
+        f"it takes {100.0 * (flown / one.middle - 1.0):+z.0f} % against the prediction, whose 95 % band is {low:+z.0f} "
+        f"to {high:+z.0f} %"
     )
     name = f"effort, {one.axis}"
     return Check("ok", name, text) if agrees(one, flown, axes) else Check("stop", name, f"{text}.", UNTRUE)

@@ -19,7 +19,7 @@ from rovtwin.core.log import LogWriter
 from rovtwin.core.sensors import kind_of
 from rovtwin.core.types import Matrix3
 from rovtwin.core.user_files.jsontext import to_json
-from rovtwin.live.flight import metadata_of
+from rovtwin.live.flight import metadata_of, rewound
 from rovtwin.live.readiness import SensorMux, listen
 from rovtwin.live.recorder import live_channels
 from rovtwin.runs.compose.composition import compose
@@ -129,6 +129,8 @@ def fly_pulses(
     with LogWriter(log, channels, metadata_of(scenario, simulation, folder)) as writer:
         if not confirm():
             return Pulsed(log, "it was not confirmed", (), {}, ready.rates)
+        # The time that somebody thought need not be computed: a twin that catches up is silent meanwhile.
+        rewound(link)
         link.arm()
         try:
             thrusters = len(simulation.thruster_names)
@@ -159,9 +161,9 @@ class _Run:
         self._off = np.zeros(thrusters)
         self._counts: dict[str, int] = {}
         self._pace = Pace()
-        self._last = dict.fromkeys(NEEDED, clock())  # when each came [s]
         mux.drain()
         mux.zero = self._began = clock.next(self._dt)
+        self._last = dict.fromkeys(NEEDED, self._began)  # when each came [s]
         writer.annotate(beginning(scenario, utc_now()))
 
     def through(

@@ -69,7 +69,7 @@ def _to_width(value: float, width: float) -> str:
     if not np.isfinite(value) or not np.isfinite(width) or width <= 0:
         return number(value)
     places = int(np.clip(1 - np.floor(np.log10(width)), 0, 8))
-    return f"{value + 0.0:.{places}f}"
+    return f"{value:z.{places}f}"
 
 
 def balance(vehicle: Vehicle, parameters: Sequence[Mapping[str, Any]]) -> Table:
@@ -90,8 +90,8 @@ def balance(vehicle: Vehicle, parameters: Sequence[Mapping[str, Any]]) -> Table:
         ["Mass", f"{number(float(vehicle.assembly.solid.mass), 4)} kg", "by parts"],
         ["Net buoyancy", f"{number(float(rest.net_buoyancy))} N", how("restoring.net_buoyancy", 1.0)],
         ["Buoyancy over gravity", f"{number(height)} mm", how("restoring.metacentric_height", 1e3)],
-        ["Trim (pitch at rest)", f"{pitch:.1f} deg", how("restoring.center_of_buoyancy_x")],
-        ["List (roll at rest)", f"{roll:.1f} deg", how("restoring.center_of_buoyancy_y")],
+        ["Trim (pitch at rest)", f"{pitch:z.1f} deg", how("restoring.center_of_buoyancy_x")],
+        ["List (roll at rest)", f"{roll:z.1f} deg", how("restoring.center_of_buoyancy_y")],
     ]
     return Table("Mass, buoyancy, trim", ["", "Value", "95 % interval"], rows)
 

@@ -49,7 +49,7 @@ def run(work: Work) -> Outcome:
             lambda: work.may_move(question),
             lambda t, what: work.person.progress(f"{what}", t / seconds),
         )  # fmt: skip
-    checks = [*_ended(flown)]
+    checks = [*_ended(flown, work.request.too_busy)]
     if flown.ended:
         return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))
     checks += _heading(work, flown)
@@ -72,9 +72,11 @@ def run(work: Work) -> Outcome:
     return Outcome(tuple(checks), measured, tuple(files), flown.spans[-1][1])
 
 
-def _ended(flown: Pulsed) -> Iterator[Check]:
+def _ended(flown: Pulsed, too_busy: str) -> Iterator[Check]:
     if flown.ended:
-        yield Check("stop", "pushes", f"{flown.ended}.", "Put it right, then repeat this stage.")
+        fix = "Put it right, then repeat this stage."
+        late = "silent" in flown.ended and too_busy
+        yield Check("stop", "pushes", f"{flown.ended}.", f"{too_busy} {fix}" if late else fix)
 
 
 def _cut_short(flown: Pulsed, vehicle: Vehicle) -> Iterator[Check]:
