@@ -15,6 +15,7 @@ from rovtwin.commission.run import commission
 from rovtwin.commission.stage import Outcome, Stage
 from rovtwin.commission.work import Work, positions_of, scenario_of
 from rovtwin.core.user_files.yamlfile import dump_yaml
+from rovtwin.gnc.navigation.accuracy_bound import _schedule
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.vehicle import load_vehicle
@@ -77,3 +78,12 @@ def test_readings_that_are_late_may_be_a_twins_that_this_machine_has_no_time_for
     assert "too busy for 1 times" in Request("double_blueye", "twin://").too_busy
     assert "too busy for 4 times" in Request("double_blueye", "blueye://127.0.0.2,127.0.0.3", speed=4.0).too_busy
     assert Request("double_blueye", "blueye://192.168.1.101,192.168.1.102").too_busy == ""
+
+
+@pytest.mark.parametrize("counted", [15.001, 14.9987, 19.96, 0.873, 1.26, 4.93, 33.3, 0.02])
+def test_positions_at_a_counted_rate_have_an_accuracy(counted):
+    """The prediction of a flight stopped: "rates [15.001, 100.0] Hz have no short common period"."""
+    bench = {"sensors": [{"name": "position", "noise": [0.005, 0.005], "rate_hz": counted}]}
+    rate = positions_of(load_vehicle("double_blueye"), bench)["rate_hz"]
+    assert rate == pytest.approx(counted, rel=0.21) or counted < 0.1
+    assert 0.0 < _schedule([rate, 100.0])[0] <= _schedule([rate, 50.0])[0] <= 0.02

@@ -65,8 +65,14 @@ def positions_of(vehicle: Vehicle, bench: Mapping[str, Any], beside: Sequence[st
     for row in bench.get("sensors", []):
         noise = [x for x in row.get("noise", [])[:2] if x is not None]
         if row.get("name") == "position" and noise:
-            return assumed | {"noise": max(noise), "rate_hz": row["rate_hz"]}
+            return assumed | {"noise": max(noise), "rate_hz": _whole(row["rate_hz"])}
     return assumed
+
+
+def _whole(rate: float) -> float:
+    """A counted rate [Hz] as one that has a short period in common with others, which `accuracy_bound` asks for."""
+    step = 1.0 if rate >= 5.0 else 0.5 if rate >= 1.0 else 0.1
+    return max(round(rate / step), 1) * step
 
 
 @dataclass(frozen=True)

@@ -37,17 +37,17 @@ def run(work: Work) -> Outcome:
     """Push each thruster in turn and compare."""
     scenario = work.scenario({}, vehicle=work.request.vehicle)
     vehicle, depth = vehicle_of(scenario), work.request.room.depth
-    planned = pulses(vehicle.model(), vehicle.thruster_names)
-    seconds = sum(pulse.seconds for pulse in planned)
+    planned = pulses(vehicle.model(), vehicle.thruster_names, 0.5 * depth)
+    seconds = sum(pulse.seconds for pulse in planned if pulse.down_to is None)
     question = (
-        f"Thrusters turn one at a time for {seconds:.0f} s, at 5 to 80 % of their range. Is the vehicle in the middle "
-        "of the tank below the surface, tether slack, and are all hands away?"
+        f"Thrusters turn one at a time for {seconds:.0f} s, at 5 to 80 % of their range, and push it down again where "
+        "it floats. Is the vehicle in the middle of the tank below the surface, tether slack, and are all hands away?"
     )
     with work.connected(scenario) as there:
         flown = fly_pulses(
             scenario, there.link, there.sources, there.clock, work.folder, planned, Guard(deepest=depth + 0.1),
             lambda: work.may_move(question),
-            lambda t, what: work.person.progress(f"{what}", t / seconds),
+            lambda t, what: work.person.progress(what, min(t / seconds, 1.0)),
         )  # fmt: skip
     checks = [*_ended(flown, work.request.too_busy)]
     if flown.ended:
