@@ -29,6 +29,7 @@ from rovtwin.vehicle.constants import AXES
 
 STREAM = 82  # of random numbers: no flight here is one of the proof
 FLIGHT = "flight"
+INWARDS = 0.05  # by which corners are moved besides, where drawn flights came too near to a wall [m]
 UNTRUE = "The model does not predict this flight: look for what has changed, then repeat excite and identify."
 
 
@@ -37,9 +38,17 @@ def run(work: Work) -> Outcome:
     path = work.identified()
     vehicle = load_vehicle(str(path))
     work.person.progress("predicting: sizing the mission")
-    mission = in_tank(vehicle, work.request.room, _accuracy(work, vehicle, str(path)))
-    scenario = work.scenario(mission | autopilot_of(work), str(path))
+    accuracy = _accuracy(work, vehicle, str(path))
+    scenario = _sized(work, vehicle, str(path), accuracy)
     made, checks, figures = _predicted(work, scenario, vehicle)
+    if made is not None and made.room < CLEAR:
+        strays = CLEAR - made.room + INWARDS
+        work.person.say(
+            f"Drawn flights come within {made.room:z.2f} m of the walls: the corners are moved inwards by {strays:.2f} "
+            "m, and the flights are made again."
+        )
+        scenario = _sized(work, vehicle, str(path), accuracy, strays)
+        made, checks, figures = _predicted(work, scenario, vehicle)
     if made is None or any(check.verdict == "stop" for check in checks):
         return Outcome(tuple(checks), figures)
     files = made.write(work.folder)
@@ -54,6 +63,12 @@ def run(work: Work) -> Outcome:
     judged, more = _judged(work, made, flight)
     seconds = float(flight.log.end - flight.log.start)
     return Outcome((*checks, *judged), figures | more | {"log": log}, (*files, log), seconds)
+
+
+def _sized(work: Work, vehicle: Vehicle, path: str, accuracy: float, strays: float = 0.0) -> Scenario:
+    """The four corners as a scenario, for a vehicle that `strays` [m] further off its path than its positions err."""
+    mission = in_tank(vehicle, work.request.room, accuracy, strays)
+    return work.scenario(mission | autopilot_of(work), path)
 
 
 def _accuracy(work: Work, vehicle: Vehicle, path: str) -> float:

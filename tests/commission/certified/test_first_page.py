@@ -17,6 +17,13 @@ def test_a_vehicle_that_is_level_reads_zero_without_a_sign(monkeypatch):
     assert rows["Net buoyancy"] == "0 N"
 
 
+def test_an_axis_that_no_thruster_pushes_is_named():
+    row = {"speed": 0.3, "force": 3.0, "half_width_share": 0.04, "interval_95": [2.9, 3.1], "unit": "N"}
+    rows = [row | {"axis": "surge"}, row | {"axis": "sway"}, row | {"axis": "sway", "speed": -0.3}]
+    assert "No thruster pushes sway: told by drift" in first_page.damping(rows, 0.05, ["surge", "yaw"]).note
+    assert first_page.damping(rows, 0.05, ["surge", "sway"]).note == ""
+
+
 @pytest.mark.parametrize(("ends", "text"), [([-0.004, 0.4], "0.00 to 0.40"), ([-0.4, -0.2], "-0.40 to -0.20")])
 def test_an_end_that_rounds_to_zero_has_no_sign(ends, text):
     assert first_page.between(ends) == text

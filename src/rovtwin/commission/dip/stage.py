@@ -10,7 +10,7 @@ from rovtwin.commission.dip.consistency import compared
 from rovtwin.commission.dip.correction import corrected
 from rovtwin.commission.dip.diagnosis import Diagnosis, Verdict, diagnose
 from rovtwin.commission.dip.schedule import pulses
-from rovtwin.commission.stage import Check, Outcome
+from rovtwin.commission.stage import Check, Outcome, sentence
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.log import Log
@@ -59,7 +59,7 @@ def run(work: Work) -> Outcome:
     try:
         found = diagnose(vehicle.model(), record, vehicle.thruster_names, depth)
     except IdentificationError as error:
-        return Outcome((*checks, *balanced, Check("stop", "pushes", f"{error}.")), files=("log.mcap",))
+        return Outcome((*checks, *balanced, Check("stop", "pushes", sentence(error))), files=("log.mcap",))
     checks += [*_axes(found), *_thrusters(found.thrusters), *_lag(found), *compared(record), *balanced]
     named = any(check.verdict == "stop" for check in checks)
     checks += [] if named else _others(record, vehicle)
@@ -76,7 +76,7 @@ def _ended(flown: Pulsed, too_busy: str) -> Iterator[Check]:
     if flown.ended:
         fix = "Put it right, then repeat this stage."
         late = "silent" in flown.ended and too_busy
-        yield Check("stop", "pushes", f"{flown.ended}.", f"{too_busy} {fix}" if late else fix)
+        yield Check("stop", "pushes", sentence(flown.ended), f"{too_busy} {fix}" if late else fix)
 
 
 def _cut_short(flown: Pulsed, vehicle: Vehicle) -> Iterator[Check]:
