@@ -84,7 +84,7 @@ def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
 
 
 @pytest.mark.parametrize(
-    ("rooms", "strays"), [([-0.04, 0.12], [0.0, 0.19]), ([0.1], [0.0]), ([-0.3, 0.05], [0.0, 0.45])]
+    ("rooms", "strays"), [([-0.04, 0.1], [0.0, 0.24]), ([0.1], [0.0]), ([-0.3, 0.0, 0.05], [0.0, 0.5, 0.7])]
 )
 def test_corners_move_inwards_where_drawn_flights_come_near_a_wall(monkeypatch, rooms, strays):
     """A vehicle without sway left its path by more than its positions err; the stage stopped over its own mission."""

@@ -22,6 +22,7 @@ from rovtwin.vehicle import Vehicle
 
 CORRECTED = "corrected.yaml"
 LATE = 0.25  # of the whole answer, beyond the lag of the thrusters [s]
+WHOLE = "Mend it before the tests: what is estimated takes it that whole commands arrive."
 FIX = {
     "reversed": "Turn its sign in the vehicle's set-up, or use the corrected file.",
     "dead": "Look for weed, a loose wire, a dead controller.",
@@ -49,7 +50,11 @@ def run(work: Work) -> Outcome:
             lambda: work.may_move(question),
             lambda t, what: work.person.progress(what, min(t / seconds, 1.0)),
         )  # fmt: skip
-    checks = [*_ended(flown, work.request.too_busy)]
+        limits = there.link.limits
+    checks = [
+        *_ended(flown, work.request.too_busy),
+        *(Check("warning", "commands", f"{one}.", WHOLE) for one in limits),
+    ]
     if flown.ended:
         return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))
     checks += _heading(work, flown)
