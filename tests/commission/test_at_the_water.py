@@ -69,8 +69,10 @@ def test_a_sound_vehicle_passes_bench_and_dip(tmp_path, monkeypatch):
     assert by_name["gyro"]["rate_hz"] == pytest.approx(100.0, rel=0.05)
     np.testing.assert_allclose(by_name["accelerometer"]["noise"], 0.0308, rtol=0.15)
     (work.folder / "again").mkdir()
+    monkeypatch.setattr(Corrupted, "limits", ("the gain is 0.5",))
     found = dip.run(replace(work, folder=work.folder / "again"))
     assert found.go, found.reasons
+    assert [c.text for c in found.checks if c.what == "commands"] == ["the gain is 0.5."]
     assert [one["what"] for one in found.measured["thrusters"]] == ["ok"] * 6
     assert found.seconds < 120.0 and np.abs(made[1].commands[-1]).max() == 0.0  # thrusters off at the end
 

@@ -58,12 +58,20 @@ def test_a_doubt_stops_and_says_what_would_help(predicted, doubt, fix):
 
 
 def test_contradictions_warn_with_both_values(predicted):
-    verdicts = ["contradicted", *predicted.verdicts[1:]]
-    checks = list(estimate._about(shown(predicted, verdicts=verdicts, findings=["one remark"]), True))
-    (warning,) = [check for check in checks if check.verdict == "warning"]
-    p = predicted.parameters.free[0]
-    assert warning.what == p.name and f"{p.base:.3g}" in warning.text and " to " in warning.text
-    assert ("note", "one remark") in [(check.verdict, check.text) for check in checks]
+    p, verdicts = predicted.parameters.free[0], ["contradicted", *predicted.verdicts[1:]]
+
+    def warned(low, high):
+        result = shown(predicted, verdicts=verdicts, findings=["one remark"], interval=lambda name: (low, high))
+        checks = list(estimate._about(result, True))
+        assert ("note", "one remark") in [(check.verdict, check.text) for check in checks]
+        (warning,) = [check for check in checks if check.verdict == "warning"]
+        assert warning.what == p.name and " to " in warning.text
+        return warning
+
+    off = warned(p.base + 1.0, p.base + 2.0)
+    assert f"the file says {p.base:.3g}" in off.text and "Is the file right" in off.fix
+    apart = warned(p.base - 1.0, p.base + 1.0)
+    assert "the file" not in apart.text and "parts of the tests disagree" in apart.text and "battery" in apart.fix
 
 
 @pytest.mark.system

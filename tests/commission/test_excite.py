@@ -195,6 +195,19 @@ def test_axes_that_were_not_tested_count_as_unknown():
     assert excite.too_wide(rows(0.06), ["surge", "yaw"], 0.05) == ["surge", "yaw"]
 
 
+def test_where_the_scale_alone_is_too_poor_no_more_minutes_are_asked_for():
+    """A vehicle whose motion told 1.7 % and whose scale 8 % was asked to fly eight minutes more."""
+
+    def pulled(whole, rest):
+        data = {"up_to_scale_share": rest, "judged_share": whole, "half_width_share": whole}
+        return [row | data for row in rows(0.0) if row["axis"] in ("surge", "yaw")]
+
+    assert excite.limited_by_scale(pulled(0.08, 0.017), ["surge", "yaw"], 0.05)
+    assert not excite.limited_by_scale(pulled(0.08, 0.075), ["surge", "yaw"], 0.05)
+    assert not excite.limited_by_scale(pulled(0.08, 0.017), ["surge", "heave"], 0.05), "heave was not tested"
+    assert not excite.limited_by_scale(pulled(0.04, 0.01), [], 0.05)
+
+
 def test_a_prior_is_planned_from_and_a_pull_counts_where_nothing_is_identified(bench, monkeypatch):
     made = bench()
     assert excite.known_before(made.work, None, True) == ("double_blueye", excite.BOLLARD)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from rovtwin.commission.proving import prediction
 from rovtwin.commission.proving.bands import Held
 from rovtwin.commission.proving.efforts import Foreseen
 from rovtwin.commission.request import sha256
+from rovtwin.commission.stage import Check
 from rovtwin.core.errors import ConfigError
 from rovtwin.live import connect
 from rovtwin.runs.compose.composition import compose
@@ -79,6 +81,22 @@ def test_prove_predict_and_fly_over_a_link(tmp_path, monkeypatch, flown_once):
     assert not other.go and other.measured["verdict"] == "outside"
     wrong = {row["axis"]: row["ratio"] for row in other.measured["effort"] if row["verdict"] == "outside"}
     assert wrong and all(ratio > 1.1 for ratio in wrong.values())
+
+
+@pytest.mark.parametrize(
+    ("rooms", "strays"), [([-0.04, 0.1], [0.0, 0.24]), ([0.1], [0.0]), ([-0.3, 0.0, 0.05], [0.0, 0.5, 0.7])]
+)
+def test_corners_move_inwards_where_drawn_flights_come_near_a_wall(monkeypatch, rooms, strays):
+    """A vehicle without sway left its path by more than its positions err; the stage stopped over its own mission."""
+    sized, left = [], list(rooms)
+    stop = [Check("stop", "room", "so that nothing is flown")]
+    monkeypatch.setattr(predict, "load_vehicle", lambda path: None)
+    monkeypatch.setattr(predict, "_accuracy", lambda *_: 0.03)
+    monkeypatch.setattr(predict, "_sized", lambda work, vehicle, path, accuracy, strays=0.0: sized.append(strays))
+    monkeypatch.setattr(predict, "_predicted", lambda *_: (SimpleNamespace(room=left.pop(0)), stop, {}))
+    person = SimpleNamespace(progress=lambda *_: None, say=lambda line: None)
+    assert not predict.run(SimpleNamespace(identified=lambda: "", person=person)).go
+    assert sized == pytest.approx(strays) and not left
 
 
 def test_a_page_says_how_many_samples_there_are_and_how_many_count():

@@ -248,6 +248,7 @@ class Armable(Opener):
 
     takes: float = 0.0
     stop_fails: bool = False
+    limits: tuple[str, ...] = ()
 
     def __call__(self):
         opener = self
@@ -255,7 +256,7 @@ class Armable(Opener):
         class Link(PlainLink):
             def arm(self):
                 time.sleep(opener.takes)
-                self.stopped = False
+                self.stopped, self.limits = False, opener.limits
 
             def stop(self):
                 if opener.stop_fails and not self.stopped:
@@ -300,6 +301,13 @@ def test_arming_that_was_asked_for_before_a_stop_is_refused(tmp_path):
         link.arm()  # asked for after it
         fly_on(link, lambda: moving(reported))
         assert moving(reported)
+
+
+def test_what_the_vehicle_does_not_take_is_known_once_it_is_armed(tmp_path):
+    with ThreadHosted(Armable(tmp_path / "told", limits=("the gain is 0.5",)), 3, tmp_path / "stop") as link:
+        assert link.limits == ()
+        link.arm()
+        assert link.limits == ("the gain is 0.5",)
 
 
 def test_stop_holds_though_the_driver_fails_at_it_and_is_received_again(tmp_path):

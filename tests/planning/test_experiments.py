@@ -14,16 +14,17 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.identification.experiment.information import Information
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
-from rovtwin.planning.experiments import _laid_out, what_is_known
+from rovtwin.planning.experiments import _laid_out, _scenario, what_is_known
 from rovtwin.planning.rehearsal import Rehearsed, _exact
 from rovtwin.planning.room import excitation, require_possible
-from rovtwin.planning.tank import Tank
+from rovtwin.planning.tank import Tank, positions_in_tank
 from rovtwin.report.identification.words import is_coupling
 from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
+from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.simulation.sensors.sensor import usual_sensor
-from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 
 def test_tanks_are_read_from_words():
@@ -56,6 +57,26 @@ def test_a_path_leaves_room_for_a_fence_that_positions_can_hold():
     tank.require_fence(model, 0.03)
     with pytest.raises(ConfigError, match=r"err by 0.5 m .* 6x3x1.5 no fence .* qtm://"):
         tank.require_fence(model, 0.5)
+
+
+def test_a_plan_counts_on_the_positions_that_the_vehicle_measures_itself():
+    """Motion capture took the place of a locator: the plan promised what no such positions tell."""
+    locator = {"name": "ugps", "part": "ugps_u1", "pose": {"position": [0.0, 0.2, -0.2]}}
+    parts = [{"name": "rov", "part": "double_blueye"}, locator]
+    own = vehicle_from_dict({"name": "v", "parts": parts})
+    spare = vehicle_from_dict({"name": "v", "parts": [parts[0]]})
+    tank, rest = Tank(6.0, 3.0, 1.5), [{"manoeuvre": "rest", "duration": 1.0}]
+
+    def flown(vehicle, **given):
+        section = positions_in_tank(vehicle) | given
+        return sensors_of(_scenario("double_blueye", tank, section, rest), vehicle)["position"]
+
+    carried = flown(own)
+    assert carried.rate == 2000 and carried.errors is not None and np.all(np.asarray(carried.noise) == 0.035)
+    np.testing.assert_allclose(carried.lever, [0.05, 0.2, -0.2])
+    assert np.all(np.asarray(flown(own, noise=0.1).noise) == 0.1), "what was measured of it counts more"
+    captured = flown(spare)
+    assert captured.rate == 15_000 and captured.errors is None and np.all(np.asarray(captured.lever) == 0.0)
 
 
 def test_candidates_excite_only_what_thrusters_push():

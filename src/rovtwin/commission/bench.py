@@ -62,9 +62,8 @@ def run(work: Work) -> Outcome:
     checks = [Check("note", "sensors", line) for line in notes]
     checks += [Check("stop", "link", f"silent for {age:.1f} s.", "Check the cable, then repeat.")] if age > 1.0 else []
     assumed = {"position"} if work.positions() is not None else set()  # no part of the vehicle: nothing to compare with
-    checks += [
-        c for name, one in found.items() for c in _sensor(name, sensors[name], one, name in assumed, work.request.speed)
-    ]
+    too_busy = work.request.too_busy
+    checks += [c for name, one in found.items() for c in _sensor(name, sensors[name], one, name in assumed, too_busy)]
     turned = {name: np.asarray(R) for name, R in rotated(sensors).items()}
     checks += [*_gravity(found, turned), *_state(found | besides, work.request.room.depth)]
     last = max((float(one.arrived[-1]) for one in found.values() if len(one.arrived)), default=0.0)
@@ -136,10 +135,10 @@ def _unwrapped(value: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
     return np.unwrap(value, axis=0) if value.shape[1] == 3 else value
 
 
-def _sensor(name: str, sensor: Sensor, found: Readings, assumed: bool = False, speed: float = 1.0) -> Iterator[Check]:
+def _sensor(name: str, sensor: Sensor, found: Readings, assumed: bool = False, too_busy: str = "") -> Iterator[Check]:
     """Whether it speaks, how often, how late, how noisy; of an assumed one the file says nothing.
 
-    A twin that this machine cannot compute at `speed` times real time falls behind its clock.
+    A twin that this machine cannot compute as fast as its clock runs falls behind it: `too_busy`, in words.
     """
     kind, rate = SENSORS[kind_of(name)], sensor.rate / 1000.0
     if not len(found.valid):
@@ -165,7 +164,7 @@ def _sensor(name: str, sensor: Sensor, found: Readings, assumed: bool = False, s
     if found.age > OLD or found.age < AHEAD:
         late = f"{found.age:.2f} s old when they come" if found.age > 0 else f"stamped {-found.age:.2f} s in the future"
         fix = "Set the vehicle's clock (NTP), or write the delay as its latency in the file."
-        fix = f"Is this machine too busy to compute {speed:g} times real time? A smaller --speed." if speed > 1 else fix
+        fix = too_busy if too_busy and found.age > OLD else fix
         verdict = "stop" if found.age < AHEAD or found.age > 2 * OLD + float(sensor.latency_steps) * 2e-3 else "warning"
         yield Check(verdict, f"{name} clock", f"readings are {late}.", fix)
     if (found.age <= OLD and found.age >= AHEAD) or not len(found.valid):

@@ -11,6 +11,7 @@ from rovtwin.commission.evidence.repeats import about, repeats
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.identification.identify import Identification
+from rovtwin.identification.joint.model.parameters import Parameter
 from rovtwin.report.identification.html import write_identification_report
 
 FILE, RESULT, DOUBTFUL, REPORT = "identified.yaml", "identified.nc", "identified.doubtful.nc", "identified"
@@ -82,14 +83,20 @@ def _about(result: Identification, pulled: bool) -> Iterator[Check]:
     )
     for p, word in zip(result.parameters.free, result.verdicts, strict=True):
         if word == "contradicted":
-            low, high = result.interval(p.name)
-            found = f"{result.values[p.name]:.3g} {p.unit} ({low:.3g} to {high:.3g})"
-            text = f"contradicted: {found}, the file says {p.base:.3g} {p.unit}; or parts disagree."
-            yield Check(
-                "warning", p.name, text, "Is the file right (payload, ballast, water)? See the report's findings."
-            )
+            yield _contradicted(p, result.values[p.name], result.interval(p.name))
     for line in result.findings:
         yield Check("note", "remark", f"{line}")
+
+
+def _contradicted(p: Parameter, value: float, interval: tuple[float, float]) -> Check:
+    """By the file, or by each other: intervals are made wider until parts agree, so that they may hold the file's."""
+    unit, (low, high) = "" if p.unit == "1" else f" {p.unit}", interval
+    found = f"{value:.3g}{unit} ({low:.3g} to {high:.3g})"
+    if low <= p.base <= high:
+        fix = "What changed between them: battery, tether, payload, current? See the report's findings."
+        return Check("warning", p.name, f"parts of the tests disagree about it; together they say {found}.", fix)
+    text = f"contradicted: {found}, the file says {p.base:.3g}{unit}."
+    return Check("warning", p.name, text, "Is the file right (payload, ballast, water)? See the report's findings.")
 
 
 def _known(work: Work, result: Identification, forces: Sequence[dict[str, Any]]) -> Iterator[Check]:

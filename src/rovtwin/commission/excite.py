@@ -97,6 +97,10 @@ class _Excitation:
         if request.minutes - flown.minutes >= SHORTEST:
             return None
         text = f"{flown.minutes:.1f} of {request.minutes:g} min are flown, and {_in_words(wide, rows)}"
+        if self.anchors and found is not None and not found.doubts and limited_by_scale(rows, wide, request.interval):
+            text += "; the scale of all forces alone makes it as wide, which no more minutes tell"
+            more = "Pull again on a scale with finer marks: --stage scale; or accept it: --interval."
+            return Check("warning", "damping", f"{text}.", more)
         if found is not None and found.doubts:
             text += f"; the estimate is in doubt: {'; '.join(found.doubts)}"
         more = f"--minutes {request.minutes + 2 * PART:g} goes on from here; or accept it: --interval."
@@ -125,7 +129,7 @@ class _Excitation:
             work.request.seed + number,
             lambda what, share: work.person.progress(f"planning part {number}: {what}", share),
             by_hand=self.hands,
-            positions=work.positions() or {},  # of a vehicle that measures them: room for a fence all the same
+            positions=work.positions() or {},  # where a part measures them: room for a fence all the same
         )
 
     def _fly(self, plan: Plan, number: int) -> Check | None:
@@ -183,8 +187,10 @@ class _Excitation:
 
     def _page(self, flown: Flown, found: Identification | None) -> Outcome:
         work, rows = self.work, [] if found is None else intervals(found, self.anchors)
+        axes = pushed(work.vehicle.model())
         for row in rows:
-            self.checks.append(Check("note", f"damping in {row['axis']}", _row_in_words(row)))
+            turns = "" if row["axis"] in axes else "; told by turns: no thruster pushes there"
+            self.checks.append(Check("note", f"damping in {row['axis']}", _row_in_words(row) + turns))
         if not flown.records:
             self.checks.append(Check("stop", "parts", "nothing was flown that can be used", "Repeat this stage."))
         measured = {
@@ -229,6 +235,16 @@ def too_wide(rows: list[dict[str, Any]], axes: list[str], interval: float) -> li
     """Axes whose damping is not known as well as was asked for, or was not tested."""
     worst = {axis: max((r["judged_share"] for r in rows if r["axis"] == axis), default=np.inf) for axis in axes}
     return [axis for axis, share in worst.items() if share > interval]
+
+
+def limited_by_scale(rows: list[dict[str, Any]], wide: list[str], interval: float) -> bool:
+    """Whether every axis that is known too poorly would be so if its motion were known exactly: for want of scale."""
+
+    def scale(row: dict[str, Any]) -> float:
+        return float(np.sqrt(max(row["half_width_share"] ** 2 - row["up_to_scale_share"] ** 2, 0.0)))
+
+    own = [[row for row in rows if row["axis"] == axis and row["judged_share"] > interval] for axis in wide]
+    return bool(own) and all(some and all(scale(row) > interval for row in some) for some in own)
 
 
 def _in_words(wide: list[str], rows: list[dict[str, Any]]) -> str:

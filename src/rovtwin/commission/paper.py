@@ -71,13 +71,13 @@ def _ballast(vehicle: Vehicle, model: Model) -> Iterator[Check]:
     roll, pitch = (float(angle) for angle in np.degrees(rest.trim))
     command = f"rovtwin vehicle ballast {vehicle.name} --buoyancy 2N --level -o ballasted.yaml"
     if max(abs(roll), abs(pitch)) > TILTED:
-        text = f"it rests at roll {roll:.1f}, pitch {pitch:.1f} deg, expected less than {TILTED:g}."
+        text = f"it rests at roll {roll:z.1f}, pitch {pitch:z.1f} deg, expected less than {TILTED:g}."
         yield Check("warning", "trim", text, f"Trim it: {command}")
     net, push = float(rest.net_buoyancy), _heave(model)
     if abs(net) > HEAVY * push > 0.0:
         text = f"net buoyancy is {plain(net, 3)} N, more than half of the {plain(push, 3)} N that it pushes in heave."
         yield Check("warning", "buoyancy", text, f"Trim it: {command}")
-    yield Check("ok", "balance", f"net buoyancy {plain(net, 3)} N, roll {roll:.1f}, pitch {pitch:.1f} deg at rest")
+    yield Check("ok", "balance", f"net buoyancy {plain(net, 3)} N, roll {roll:z.1f}, pitch {pitch:z.1f} deg at rest")
 
 
 def _heave(model: Model) -> float:
@@ -90,7 +90,7 @@ def _directions(model: Model) -> Iterator[Check]:
     """Which axes no thruster pushes: nothing of them is identified by pushing."""
     able = ExperimentScales.of(model).able
     if lacking := [axis for axis, can in zip(AXES, able, strict=True) if not can]:
-        text = f"no thruster pushes in {', '.join(lacking)}: its damping there stays as predicted."
+        text = f"no thruster pushes in {', '.join(lacking)}: damping there is told by motion in turns only, if at all"
         yield Check("note", "directions", text)
 
 

@@ -29,6 +29,9 @@ from rovtwin.vehicle.constants import AXES
 
 STREAM = 82  # of random numbers: no flight here is one of the proof
 FLIGHT = "flight"
+AGAIN = 2  # times that the corners may be moved inwards
+INWARDS = 0.1  # by how much more than drawn flights lacked to the walls [m]
+Predicted = tuple[Prediction | None, list[Check], dict[str, Any]]
 UNTRUE = "The model does not predict this flight: look for what has changed, then repeat excite and identify."
 
 
@@ -36,10 +39,7 @@ def run(work: Work) -> Outcome:
     """The page of the prediction and its flight."""
     path = work.identified()
     vehicle = load_vehicle(str(path))
-    work.person.progress("predicting: sizing the mission")
-    mission = in_tank(vehicle, work.request.room, _accuracy(work, vehicle, str(path)))
-    scenario = work.scenario(mission | autopilot_of(work), str(path))
-    made, checks, figures = _predicted(work, scenario, vehicle)
+    scenario, (made, checks, figures) = _clear_of_walls(work, vehicle, str(path))
     if made is None or any(check.verdict == "stop" for check in checks):
         return Outcome(tuple(checks), figures)
     files = made.write(work.folder)
@@ -56,6 +56,31 @@ def run(work: Work) -> Outcome:
     return Outcome((*checks, *judged), figures | more | {"log": log}, (*files, log), seconds)
 
 
+def _clear_of_walls(work: Work, vehicle: Vehicle, path: str) -> tuple[Scenario, Predicted]:
+    """The mission, and what drawn vehicles do: corners are moved inwards where these come too near to the walls."""
+    work.person.progress("predicting: sizing the mission")
+    accuracy, strays = _accuracy(work, vehicle, path), 0.0
+    scenario = _sized(work, vehicle, path, accuracy)
+    found = _predicted(work, scenario, vehicle)
+    for _ in range(AGAIN):
+        if found[0] is None or found[0].room >= CLEAR:
+            break
+        strays += CLEAR - found[0].room + INWARDS
+        work.person.say(
+            f"Drawn flights come within {found[0].room:z.2f} m of the walls: the corners are moved inwards by "
+            f"{strays:.2f} m, and the flights are made again."
+        )
+        scenario = _sized(work, vehicle, path, accuracy, strays)
+        found = _predicted(work, scenario, vehicle)
+    return scenario, found
+
+
+def _sized(work: Work, vehicle: Vehicle, path: str, accuracy: float, strays: float = 0.0) -> Scenario:
+    """The four corners as a scenario, for a vehicle that `strays` [m] further off its path than its positions err."""
+    mission = in_tank(vehicle, work.request.room, accuracy, strays)
+    return work.scenario(mission | autopilot_of(work), path)
+
+
 def _accuracy(work: Work, vehicle: Vehicle, path: str) -> float:
     """Standard deviation of the estimated position with the vehicle's sensors, in the worse direction [m]."""
     anywhere = work.scenario({"world": {}} | open_water(vehicle.model()), path)
@@ -63,9 +88,7 @@ def _accuracy(work: Work, vehicle: Vehicle, path: str) -> float:
     return max(simulation.bound(simulation.scenario.waypoints[0].speed))
 
 
-def _predicted(
-    work: Work, scenario: Scenario, vehicle: Vehicle
-) -> tuple[Prediction | None, list[Check], dict[str, Any]]:
+def _predicted(work: Work, scenario: Scenario, vehicle: Vehicle) -> Predicted:
     """What drawn vehicles do, and whether they all do it well."""
     work.person.progress("predicting: drawing vehicles")
     plants, began = plants_of(scenario), time.monotonic()
@@ -197,8 +220,8 @@ def _efforts(made: Prediction, log: Log, track: Track) -> list[tuple[Foreseen, f
 def _effort(one: Foreseen, flown: float, axes: int) -> Check:
     low, high = (100.0 * (ratio - 1.0) for ratio in one.ratio())
     text = (
-        f"it takes {100.0 * (flown / one.middle - 1.0):+.0f} % against the prediction, whose 95 % band is {low:+.0f} "
-        f"to {high:+.0f} %"
+        f"it takes {100.0 * (flown / one.middle - 1.0):+z.0f} % against the prediction, whose 95 % band is {low:+z.0f} "
+        f"to {high:+z.0f} %"
     )
     name = f"effort, {one.axis}"
     return Check("ok", name, text) if agrees(one, flown, axes) else Check("stop", name, f"{text}.", UNTRUE)

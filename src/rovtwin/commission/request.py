@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.files import cannot, read_bytes
-from rovtwin.live.connect import on_this_machine
+from rovtwin.live.connect import is_computed, on_this_machine
 from rovtwin.planning.tank import Tank
 from rovtwin.vehicle import Vehicle, load_vehicle
 
@@ -51,6 +51,13 @@ class Request:
     def room(self) -> Tank:
         """The tank; ConfigError where its text is none."""
         return Tank.parse(self.tank)
+
+    @property
+    def too_busy(self) -> str:
+        """What else may hold readings up where this machine computes the vehicle; "" where it does not."""
+        if self.speed <= 1.0 and not is_computed(self.link):
+            return ""
+        return f"Is this machine too busy for {self.speed:g} times real time? End what else runs, or a smaller --speed."
 
     def load_vehicle(self) -> Vehicle:
         """As its file describes it now; ConfigError where that cannot be used."""

@@ -8,6 +8,11 @@ Verdict = Literal["ok", "note", "warning", "stop"]
 VERDICTS: tuple[Verdict, ...] = ("ok", "note", "warning", "stop")
 
 
+def sentence(text: object) -> str:
+    """With a full stop, unless a sentence ends already."""
+    return str(text) if str(text).endswith((".", "?", "!")) else f"{text}."
+
+
 @dataclass(frozen=True)
 class Check:
     """One line of a stage's page.

@@ -12,11 +12,14 @@ from rovtwin.commission.stage import Person
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.link import Link, Source
 from rovtwin.core.user_files.config import parse
-from rovtwin.live.connect import as_read, connect, on_this_machine, source
+from rovtwin.live.connect import as_read, at_origin, connect, on_this_machine, source
 from rovtwin.planning.tank import MOTION_CAPTURE
 from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.description.instruments import carries
+
+NOT_THE_PARTS = ("bias", "bias_walk", "latency", "clock_drift", "outlier")  # figures of a carried sensor
 
 
 def scenario_of(request: Request, vehicle: str, positions: dict[str, Any] | None, changes: dict[str, Any]) -> Scenario:
@@ -43,22 +46,33 @@ def scenario_of(request: Request, vehicle: str, positions: dict[str, Any] | None
     return as_read(request.link, parse(Scenario, data, "commission"))
 
 
-def positions_of(vehicle: Vehicle, bench: Mapping[str, Any]) -> dict[str, Any] | None:
+def positions_of(vehicle: Vehicle, bench: Mapping[str, Any], beside: Sequence[str] = ()) -> dict[str, Any] | None:
     """`sensors.position` of a scenario: as the bench has measured it, before that motion capture in the tank.
 
-    None where a part of the vehicle measures positions, and says how well.
+    None where a part of the vehicle measures positions, and says how well, unless an instrument beside the vehicle
+    tells where its CO is.
 
     Args:
         vehicle: With its parts.
         bench: Figures of that stage, empty before it.
+        beside: URLs of instruments.
     """
-    if any(getattr(one.item, "kind", "") == "position" and not one.spare for one in vehicle.sensors):
-        return None
+    assumed = dict(MOTION_CAPTURE)
+    if carries(vehicle, "position"):
+        if not any(at_origin(url, "position") for url in beside):
+            return None
+        assumed |= dict.fromkeys(NOT_THE_PARTS, 0.0)
     for row in bench.get("sensors", []):
         noise = [x for x in row.get("noise", [])[:2] if x is not None]
         if row.get("name") == "position" and noise:
-            return {**MOTION_CAPTURE, "noise": max(noise), "rate_hz": row["rate_hz"]}
-    return dict(MOTION_CAPTURE)
+            return assumed | {"noise": max(noise), "rate_hz": _whole(row["rate_hz"])}
+    return assumed
+
+
+def _whole(rate: float) -> float:
+    """A counted rate [Hz] as one that has a short period in common with others, which `accuracy_bound` asks for."""
+    step = 1.0 if rate >= 5.0 else 0.5 if rate >= 1.0 else 0.1
+    return max(round(rate / step), 1) * step
 
 
 @dataclass(frozen=True)
@@ -121,7 +135,7 @@ class Work:
 
     def positions(self) -> dict[str, Any] | None:
         """`sensors.position` of a scenario, see `positions_of`."""
-        return positions_of(self.vehicle, self.dossier.measured("bench"))
+        return positions_of(self.vehicle, self.dossier.measured("bench"), self.request.sensors)
 
     def scenario(self, changes: dict[str, Any], vehicle: str | None = None) -> Scenario:
         """A scenario of the vehicle in the test tank, its sensors as the link reads them.

@@ -41,7 +41,12 @@ class Link(Source):
     Before `arm` nothing is sent that moves the vehicle or takes it from its pilot, and closing a link that was never
     armed leaves it as it was. A command lives for COMMAND_LIFE. `send` after `stop` is ignored: stop latches until the
     link is closed. All methods but `arm` return at once.
+
+    Attributes:
+        limits: What of a command does not reach the vehicle, or may not, a sentence each; known once it is armed.
     """
+
+    limits: tuple[str, ...] = ()
 
     def arm(self) -> None:
         """Make the vehicle ready to obey. One that needs no such step does nothing here.

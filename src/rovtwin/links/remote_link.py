@@ -178,6 +178,8 @@ class RemoteLink(Link):
                     self._open = True
                 elif kind == "failed":
                     self._failed = content
+                elif kind == "limits":
+                    self.limits = content
                 elif kind == "armed":
                     self._armed = content
                     # A vehicle that may be armed again after a stop obeys again, unless it was stopped meanwhile.

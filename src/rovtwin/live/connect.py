@@ -93,6 +93,14 @@ def source(text: str, clock: Clock) -> Source:
     return endpoint.source(url, clock)
 
 
+def at_origin(text: str, sensor: str) -> bool:
+    """Whether the instrument at a URL reports a sensor's readings at CO, and so not those of one that is carried."""
+    endpoint = registry.find(text.partition("://")[0])
+    if endpoint is None or endpoint.source is None:
+        return False
+    return sensor in endpoint.at_origin(Url.of(text, endpoint.options, "--sensor"))
+
+
 def on_this_machine(text: str) -> bool:
     """Whether the vehicle at a URL is certainly no real one: computed, replayed, or served at a loopback address."""
     url, endpoint = registry.parse(text, "link", "--link", also=tuple(HERE))

@@ -19,7 +19,7 @@ from rovtwin.core.log import LogWriter
 from rovtwin.core.sensors import kind_of
 from rovtwin.core.types import Matrix3
 from rovtwin.core.user_files.jsontext import to_json
-from rovtwin.live.flight import metadata_of
+from rovtwin.live.flight import metadata_of, rewound
 from rovtwin.live.readiness import SensorMux, listen
 from rovtwin.live.recorder import live_channels
 from rovtwin.runs.compose.composition import compose
@@ -32,6 +32,7 @@ from rovtwin.scenario.schema import Scenario
 NEEDED = {"gyro": "", "attitude": ""}  # without these nobody would see it tip over
 SILENT = 0.5  # since anything came from the vehicle, from which on thrusters stop [s, real time]
 COMMAND = "autopilot/command"
+NEAR = 0.1  # of a depth, from which on nothing dives to it [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +44,15 @@ class Pulse:
         command: From -1 to 1; None: nothing is sent, as by a program that hangs.
         seconds: How long.
         event: Done once as it begins, in place of its first command, as a STOP; None: nothing.
+        down_to: Measured depth at which it ends early [m]; it is left out where that is reached already, or where
+            nobody measures depth. None: it lasts its time.
     """
 
     what: str
     command: Float[np.ndarray, " n"] | None
     seconds: float
     event: Callable[[], None] | None = None
+    down_to: float | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,8 @@ def fly_pulses(
     with LogWriter(log, channels, metadata_of(scenario, simulation, folder)) as writer:
         if not confirm():
             return Pulsed(log, "it was not confirmed", (), {}, ready.rates)
+        # The time that somebody thought need not be computed: a twin that catches up is silent meanwhile.
+        rewound(link)
         link.arm()
         try:
             thrusters = len(simulation.thruster_names)
@@ -158,10 +164,11 @@ class _Run:
         self._to_body = np.eye(3) if rotation is None else np.asarray(rotation).T
         self._off = np.zeros(thrusters)
         self._counts: dict[str, int] = {}
+        self._depth = float("nan")
         self._pace = Pace()
-        self._last = dict.fromkeys(NEEDED, clock())  # when each came [s]
         mux.drain()
         mux.zero = self._began = clock.next(self._dt)
+        self._last = dict.fromkeys(NEEDED, self._began)  # when each came [s]
         writer.annotate(beginning(scenario, utc_now()))
 
     def through(
@@ -172,6 +179,8 @@ class _Run:
         k, ended = 0, ""
         with Interrupt() as interrupt:
             for pulse in pulses:
+                if self._deep(pulse, NEAR):
+                    continue
                 start, last = k, k + round(pulse.seconds / self._dt)
                 spans.append((start * self._dt, last * self._dt, pulse.what))
                 while k < last and not ended:
@@ -180,6 +189,9 @@ class _Run:
                     if k % max(1, round(0.5 / self._dt)) == 0:
                         progress(k * self._dt, pulse.what)
                     k += 1
+                    if self._deep(pulse):
+                        spans[-1] = (start * self._dt, k * self._dt, pulse.what)
+                        break
                 if ended:
                     break
         if not ended.startswith("link lost"):
@@ -187,6 +199,10 @@ class _Run:
             self._writer.write(COMMAND, k * self._dt, self._off)
         self._writer.annotate({"spans": to_json(spans)})
         return ended, tuple(spans), self._counts
+
+    def _deep(self, pulse: Pulse, near: float = 0.0) -> bool:
+        """Whether it is as deep as a pulse was to bring it, or nobody knows."""
+        return pulse.down_to is not None and not self._depth < pulse.down_to - near
 
     def _tick(self, k: int, command: Float[np.ndarray, " n"] | None, event: Callable[[], None] | None) -> str:
         """Wait, read, look, send, log; why it ends, "" while it goes on."""
@@ -233,6 +249,8 @@ class _Run:
                 if tilt > self._guard.tilt:
                     most = np.degrees(self._guard.tilt)
                     return f"it tilted by {np.degrees(tilt):.0f} deg, at most {most:.0f} are allowed"
-            if reading.sensor == "pressure" and value[0] > self._guard.deepest:
-                return f"it was {value[0]:.2f} m deep, at most {self._guard.deepest:.2f} m are allowed"
+            if reading.sensor == "pressure":
+                self._depth = float(value[0])
+                if self._depth > self._guard.deepest:
+                    return f"it was {self._depth:.2f} m deep, at most {self._guard.deepest:.2f} m are allowed"
         return ""

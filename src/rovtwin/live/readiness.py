@@ -140,7 +140,7 @@ def _start(
     places = received.get("position", [])[-20:]
     north, east = np.mean(places or [np.zeros(2)], axis=0)
     std = position_noise / np.sqrt(len(places)) if places else 0.0
-    depth = float(np.mean(received["pressure"][-20:]))
+    depth = float(np.mean(received.get("pressure", [0.0])[-20:]))  # of what needs no depth: one that it begins at
     euler = as_array(received["attitude"][-1:])
     euler = euler if rotation is None else readings_in_body(euler, "attitude", rotation)
     return Start(as_array([north, east, depth]), quaternion_from_euler(euler[0]), jnp.zeros(6), as_array(std))

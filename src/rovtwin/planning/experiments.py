@@ -36,10 +36,11 @@ from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
 from rovtwin.planning.plan import Plan
 from rovtwin.planning.rehearsal import Rehearsed, rehearse
 from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
-from rovtwin.planning.tank import MOTION_CAPTURE, Tank
+from rovtwin.planning.tank import Tank, positions_in_tank
 from rovtwin.report.plans.experiment import PlannedTest, draw_test_plan
 from rovtwin.runs.compose.experiment import pieces_of, spans_of
 from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
+from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.experiment import AXES
 from rovtwin.vehicle import Vehicle
@@ -119,8 +120,9 @@ def plan_tests(
         seed: Of the candidates' multi-sines.
         progress: Told what is being done and how far it is, 0 to 1.
         by_hand: Whether somebody is there who tilts the vehicle for releases.
-        positions: What is other of the sensor of positions, as in a scenario's `sensors.position`, than of motion
-            capture. Where it is given, the plan leaves room for a fence that such positions can hold.
+        positions: What is other of the sensor of positions, as in a scenario's `sensors.position`, than of the
+            vehicle's own, or of motion capture where it carries none. Where it is given, the plan leaves room for a
+            fence that such positions can hold.
 
     Raises:
         ConfigError: The vehicle does not fit the tank, no candidate does, or positions err too much for a fence.
@@ -130,13 +132,14 @@ def plan_tests(
     scales = ExperimentScales.of(model)
     pool = candidates(scales, seed, by_hand)
     require_possible(vehicle, scales, tank, bool(pool))
-    sensor = {**MOTION_CAPTURE, **(positions or {})}
-    errs = 0.0 if positions is None else float(np.max(np.asarray(sensor["noise"])))
-    tank.require_fence(model, errs)
+    sensor = positions_in_tank(vehicle) | dict(positions or {})
     pulls = thesis_pulls(reference)
     margin = MARGIN * scales.length
     progress("flying the candidates", 0.0)
     quick = [_scenario(reference, tank, sensor, [one], quick=True) for one in (*pool, *pulls)]
+    measured = sensors_of(quick[0], vehicle)["position"]
+    errs = 0.0 if positions is None else float(np.max(np.asarray(measured.noise)))
+    tank.require_fence(model, errs)
     flown = rehearse(quick)
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(pool)]]
     usable = [i for i, room in enumerate(rooms) if room > margin]

@@ -1,6 +1,7 @@
 """The tank that a planned test has to fit."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +12,7 @@ from rovtwin.core.numerics import jax
 from rovtwin.planning.rehearsal import Rehearsed
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.analysis.performance import performance
+from rovtwin.vehicle.description.instruments import carries
 
 STOPS, HULLS = 12.0, 3.5  # of a tank that nobody gave: its length over stopping distances, its sizes over the hull's
 # What measures positions in a tank, where nobody says: an assumption.
@@ -18,6 +20,11 @@ MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0
 HULL_EVERY = 5  # ticks between looks at the hull
 # Standard deviations of a position between a path and the fence that watches over it, and from there to the wall.
 ERRS = 2.5
+
+
+def positions_in_tank(vehicle: Vehicle) -> dict[str, Any]:
+    """`sensors.position` of a scenario in a tank: motion capture, but for a vehicle that measures positions itself."""
+    return {} if carries(vehicle, "position") else dict(MOTION_CAPTURE)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,13 @@ def test_poor_positions_make_a_smaller_box():
     assert abs(poor[1]) < abs(good[1]) - 0.3
 
 
+def test_a_vehicle_that_strays_gets_a_smaller_box():
+    vehicle, tank = load_vehicle("double_blueye"), Tank.parse("6x3x1.5")
+    usual, inwards = (np.array(in_tank(vehicle, tank, 0.03, strays)["mission"]["waypoints"][0]["position"])
+                      for strays in (0.0, 0.1))  # fmt: skip
+    assert abs(usual[1]) - abs(inwards[1]) == pytest.approx(0.1, abs=0.011)
+
+
 def test_the_square_is_sized_by_the_vehicle():
     sides = {}
     for name in ("double_blueye", "bluerov2_heavy"):

@@ -133,7 +133,7 @@ def _read(folder: Path, manifest: Manifest) -> Issued:
         request = TypeAdapter(Request).validate_python(json.loads(read_text(folder / REQUEST)))
         bench, prove, predict = (_last(paths, stage) for stage in ("bench", "prove", "predict"))
         proven = Proven.model_validate({"seed": request.seed, "samples": request.samples} | _measured(folder, prove))
-        positions = positions_of(load_vehicle(str(vehicle)), _measured(folder, bench))
+        positions = positions_of(load_vehicle(str(vehicle)), _measured(folder, bench), request.sensors)
         log = f"{predict.removesuffix(OUTCOME)}{_measured(folder, predict).get('log', 'none')}"
     except (AttributeError, LookupError, TypeError, ValueError, RecursionError) as error:
         text = " ".join(str(error).split())[:120]

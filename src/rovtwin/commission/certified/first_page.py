@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.commission.evidence.forces import TASK, pushed
 from rovtwin.commission.stage import Outcome
 from rovtwin.core.user_files.quantity import is_finite
 from rovtwin.report.commission.certificate import heading, mappings, rows_of
@@ -30,7 +31,7 @@ def figures(outcomes: Mapping[str, Outcome], vehicle: Vehicle, asked: float) -> 
     parameters = mappings(identified.get("parameters"))
     return (
         balance(vehicle, parameters),
-        damping(mappings(identified.get("damping")), asked),
+        damping(mappings(identified.get("damping")), asked, pushed(vehicle.model())),
         thrust(parameters, mappings(measured(outcomes, "scale").get("anchors"))),
         sensors(measured(outcomes, "bench"), vehicle),
         thrusters_off(mappings(measured(outcomes, "drill").get("thrusters_off"))),
@@ -69,7 +70,7 @@ def _to_width(value: float, width: float) -> str:
     if not np.isfinite(value) or not np.isfinite(width) or width <= 0:
         return number(value)
     places = int(np.clip(1 - np.floor(np.log10(width)), 0, 8))
-    return f"{value + 0.0:.{places}f}"
+    return f"{value:z.{places}f}"
 
 
 def balance(vehicle: Vehicle, parameters: Sequence[Mapping[str, Any]]) -> Table:
@@ -90,14 +91,14 @@ def balance(vehicle: Vehicle, parameters: Sequence[Mapping[str, Any]]) -> Table:
         ["Mass", f"{number(float(vehicle.assembly.solid.mass), 4)} kg", "by parts"],
         ["Net buoyancy", f"{number(float(rest.net_buoyancy))} N", how("restoring.net_buoyancy", 1.0)],
         ["Buoyancy over gravity", f"{number(height)} mm", how("restoring.metacentric_height", 1e3)],
-        ["Trim (pitch at rest)", f"{pitch:.1f} deg", how("restoring.center_of_buoyancy_x")],
-        ["List (roll at rest)", f"{roll:.1f} deg", how("restoring.center_of_buoyancy_y")],
+        ["Trim (pitch at rest)", f"{pitch:z.1f} deg", how("restoring.center_of_buoyancy_x")],
+        ["List (roll at rest)", f"{roll:z.1f} deg", how("restoring.center_of_buoyancy_y")],
     ]
     return Table("Mass, buoyancy, trim", ["", "Value", "95 % interval"], rows)
 
 
-def damping(rows: Sequence[Mapping[str, Any]], asked: float) -> Table:
-    """Forces at tested speeds; those wider than what was asked for say so."""
+def damping(rows: Sequence[Mapping[str, Any]], asked: float, pushed: Sequence[str] = TASK) -> Table:
+    """Forces at tested speeds; those wider than what was asked for say so, and those that no thruster pushes."""
     title = "Damping forces at tested speeds"
     if not rows:
         return Table(title, [], [], "Not measured.")
@@ -114,6 +115,8 @@ def damping(rows: Sequence[Mapping[str, Any]], asked: float) -> Table:
         unit = str(one.get("unit") or ("N m" if turning else "N"))
         cells.append([text(one.get("axis")), speed, f"{number(force)} {unit}", between(ends), width])
     notes = [f"{wide} wider than the ±{100 * asked:g} % that was asked for."] if wide else []
+    if drifts := list(dict.fromkeys(text(one.get("axis")) for one in rows if one.get("axis") not in pushed)):
+        notes.append(f"No thruster pushes {' and '.join(drifts)}: told by drift in turns.")
     if more := len(rows) - len(cells):
         notes.append(APPENDIX.format(more))
     return Table(title, ["Axis", "Speed", "Force", "95 % interval", ""], cells, " ".join(notes))

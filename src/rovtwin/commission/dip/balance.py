@@ -72,7 +72,7 @@ def _buoyancy(
         return
     net, std = -float(found[0][0]), float(found[1][0])
     expected = float(model.buoyancy - model.weight)
-    text = f"net buoyancy about {net:.1f} N, expected {expected:.1f} N by the file"
+    text = f"net buoyancy about {net:z.1f} N, expected {expected:z.1f} N by the file"
     off = abs(net - expected)
     if off < max(ODD * weight, SURE * std):
         yield Check("ok", "buoyancy", text)
@@ -88,9 +88,8 @@ def _trim(vehicle: Vehicle, motion: Motion, free: Bool[np.ndarray, " m"]) -> Ite
     found = np.degrees([np.arctan2(down[1], down[2]), np.arctan2(-down[0], np.hypot(down[1], down[2]))])
     expected = np.degrees(np.asarray(floating_of(vehicle.assembly).trim))
     off = float(np.abs(found - expected).max())
-    text = (
-        f"roll {found[0]:.1f}, pitch {found[1]:.1f} deg at rest, expected {expected[0]:.1f} and {expected[1]:.1f} deg"
-    )
+    text = f"roll {found[0]:z.1f}, pitch {found[1]:z.1f} deg at rest, "
+    text += f"expected {expected[0]:z.1f} and {expected[1]:z.1f} deg"
     if off < LEANS:
         yield Check("ok", "trim", text)
     else:

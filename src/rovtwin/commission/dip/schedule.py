@@ -1,7 +1,8 @@
 """How hard and how long each thruster is pushed: what tells most, short of walls and of tipping over.
 
 What a push tells grows with force squared times its length, the way that it leads to with force times length squared:
-so hard and short pushes are best where room or tilt is the limit, long ones where force is.
+so hard and short pushes are best where room or tilt is the limit, long ones where force is. A vehicle that floats up
+meanwhile is brought down again before the next push: at the surface no push tells anything.
 """
 
 import numpy as np
@@ -18,8 +19,10 @@ from rovtwin.vehicle.physics.thrusters import static_force
 
 LENGTHS = (0.4, 0.6, 1.0, 1.5)  # of pushes that are tried; shorter ones would drown in the lag of the thrusters [s]
 REST = 1.5  # after each [s]
+DIVE = 2.0  # longest push down [s]
 AWAY, TURN, TILT = 0.35, 1.0, 0.3  # largest way [m] and angles [rad] of a push and its rest
 SIZES = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])  # of commands that are tried
+HEAVE = 2
 _STEP = 0.05  # of the foreseen motion [s]
 
 
@@ -58,15 +61,38 @@ def pushes(model: Model) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n
     return size, length
 
 
-def pulses(model: Model, names: list[str]) -> list[Pulse]:
-    """Each thruster ahead and astern, with rests; first a rest, from which the sensors' errors at rest are seen."""
+def shares_along(model: Model, row: int) -> Float[np.ndarray, " n"] | None:
+    """Commands, the largest 1, that push along an axis of AXES alone as nearly as can be; None where none does."""
+    T = np.asarray(model.thrusters.configuration)
+    force = np.linalg.pinv(T)[:, row]
+    if abs((T @ force)[row]) < 0.9 or np.abs(force).max() == 0.0:
+        return None
+    return np.sign(force) * np.sqrt(np.abs(force) / np.abs(force).max())
+
+
+def dive(model: Model, depth: float) -> Pulse | None:
+    """A push down to a depth [m], as hard as a push may be; None of a vehicle that does not heave."""
+    shares = shares_along(model, HEAVE)
+    usable = [] if shares is None else [u for u in SIZES[:, None] * shares if foreseen(model, u, LENGTHS[-1])]
+    return Pulse("down to the middle", usable[-1], DIVE, down_to=depth) if usable else None
+
+
+def pulses(model: Model, names: list[str], middle: float) -> list[Pulse]:
+    """Each thruster ahead and astern, with rests; first a rest, from which the sensors' errors at rest are seen.
+
+    Args:
+        model: Of the vehicle.
+        names: Of its thrusters.
+        middle: Depth that it is brought down to before each push [m].
+    """
     sizes, lengths = pushes(model)
-    off = np.zeros(len(names))
-    found = [Pulse("at rest", off, 2.0)]
+    off, down = np.zeros(len(names)), dive(model, middle)
+    deeper = [] if down is None else [down]
+    found = [Pulse("at rest", off, 2.0), *deeper, *([Pulse("rest", off, REST)] if deeper else [])]
     for i, name in enumerate(names):
         for sign, word in ((1.0, "ahead"), (-1.0, "astern")):
             u = off.copy()
             u[i] = sign * sizes[i]
             push = Pulse(f"{name} {word}, {100 * sizes[i]:.0f} % for {lengths[i]:g} s", u, float(lengths[i]))
-            found += [push, Pulse("rest", off, REST)]
+            found += [push, *deeper, Pulse("rest", off, REST)]
     return found

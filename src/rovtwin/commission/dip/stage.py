@@ -10,7 +10,7 @@ from rovtwin.commission.dip.consistency import compared
 from rovtwin.commission.dip.correction import corrected
 from rovtwin.commission.dip.diagnosis import Diagnosis, Verdict, diagnose
 from rovtwin.commission.dip.schedule import pulses
-from rovtwin.commission.stage import Check, Outcome
+from rovtwin.commission.stage import Check, Outcome, sentence
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.log import Log
@@ -22,6 +22,7 @@ from rovtwin.vehicle import Vehicle
 
 CORRECTED = "corrected.yaml"
 LATE = 0.25  # of the whole answer, beyond the lag of the thrusters [s]
+WHOLE = "Mend it before the tests: what is estimated takes it that whole commands arrive."
 FIX = {
     "reversed": "Turn its sign in the vehicle's set-up, or use the corrected file.",
     "dead": "Look for weed, a loose wire, a dead controller.",
@@ -37,19 +38,23 @@ def run(work: Work) -> Outcome:
     """Push each thruster in turn and compare."""
     scenario = work.scenario({}, vehicle=work.request.vehicle)
     vehicle, depth = vehicle_of(scenario), work.request.room.depth
-    planned = pulses(vehicle.model(), vehicle.thruster_names)
-    seconds = sum(pulse.seconds for pulse in planned)
+    planned = pulses(vehicle.model(), vehicle.thruster_names, 0.5 * depth)
+    seconds = sum(pulse.seconds for pulse in planned if pulse.down_to is None)
     question = (
-        f"Thrusters turn one at a time for {seconds:.0f} s, at 5 to 80 % of their range. Is the vehicle in the middle "
-        "of the tank below the surface, tether slack, and are all hands away?"
+        f"Thrusters turn one at a time for {seconds:.0f} s, at 5 to 80 % of their range, and push it down again where "
+        "it floats. Is the vehicle in the middle of the tank below the surface, tether slack, and are all hands away?"
     )
     with work.connected(scenario) as there:
         flown = fly_pulses(
             scenario, there.link, there.sources, there.clock, work.folder, planned, Guard(deepest=depth + 0.1),
             lambda: work.may_move(question),
-            lambda t, what: work.person.progress(f"{what}", t / seconds),
+            lambda t, what: work.person.progress(what, min(t / seconds, 1.0)),
         )  # fmt: skip
-    checks = [*_ended(flown)]
+        limits = there.link.limits
+    checks = [
+        *_ended(flown, work.request.too_busy),
+        *(Check("warning", "commands", f"{one}.", WHOLE) for one in limits),
+    ]
     if flown.ended:
         return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))
     checks += _heading(work, flown)
@@ -59,7 +64,7 @@ def run(work: Work) -> Outcome:
     try:
         found = diagnose(vehicle.model(), record, vehicle.thruster_names, depth)
     except IdentificationError as error:
-        return Outcome((*checks, *balanced, Check("stop", "pushes", f"{error}.")), files=("log.mcap",))
+        return Outcome((*checks, *balanced, Check("stop", "pushes", sentence(error))), files=("log.mcap",))
     checks += [*_axes(found), *_thrusters(found.thrusters), *_lag(found), *compared(record), *balanced]
     named = any(check.verdict == "stop" for check in checks)
     checks += [] if named else _others(record, vehicle)
@@ -72,9 +77,11 @@ def run(work: Work) -> Outcome:
     return Outcome(tuple(checks), measured, tuple(files), flown.spans[-1][1])
 
 
-def _ended(flown: Pulsed) -> Iterator[Check]:
+def _ended(flown: Pulsed, too_busy: str) -> Iterator[Check]:
     if flown.ended:
-        yield Check("stop", "pushes", f"{flown.ended}.", "Put it right, then repeat this stage.")
+        fix = "Put it right, then repeat this stage."
+        late = "silent" in flown.ended and too_busy
+        yield Check("stop", "pushes", sentence(flown.ended), f"{too_busy} {fix}" if late else fix)
 
 
 def _cut_short(flown: Pulsed, vehicle: Vehicle) -> Iterator[Check]:

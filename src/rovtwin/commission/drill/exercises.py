@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.commission.dip.schedule import foreseen
+from rovtwin.commission.dip.schedule import foreseen, shares_along
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import Command, Measurement
@@ -83,14 +83,10 @@ def push_of(model: Model, exercise: Exercise, later: float = 0.0) -> Push | None
         exercise: How long it is watched.
         later: By how much later it can be stopped [s].
     """
-    T = np.asarray(model.thrusters.configuration)
     for axis in TRIED:
-        row = AXES.index(axis)
-        force = np.linalg.pinv(T)[:, row]
-        made = T @ force
-        if abs(made[row]) < 0.9 or np.abs(force).max() == 0.0:
+        shares = shares_along(model, AXES.index(axis))
+        if shares is None:
             continue
-        shares = np.sign(force) * np.sqrt(np.abs(force) / np.abs(force).max())
         for size in SIZES:
             if foreseen(model, size * shares, PUSH + exercise.watched + later, AROUND):
                 return Push(axis, size * shares)

@@ -7,7 +7,7 @@ import numpy as np
 from rovtwin.commission.drill.again import LATER, look_again, may_look_again
 from rovtwin.commission.drill.exercises import CUT, PUSH, REST, SILENT, STOP, Exercise, Push, flown, halted, push_of
 from rovtwin.commission.drill.off_time import OffTime, off_time
-from rovtwin.commission.stage import Check, Outcome
+from rovtwin.commission.stage import Check, Outcome, sentence
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import RovtwinError
 from rovtwin.identification.logs.readers import read_records
@@ -39,7 +39,7 @@ def run(work: Work) -> Outcome:
         try:
             found, row = _one(work, scenario, vehicle, exercise, push)
         except RovtwinError as error:
-            found, row = [Check("stop", exercise.name, f"{error}.", "Then repeat this stage.")], {}
+            found, row = [Check("stop", exercise.name, sentence(error), "Then repeat this stage.")], {}
         checks += found
         rows += [row] if row else []
         if any(check.verdict == "stop" for check in found):
@@ -60,7 +60,9 @@ def _one(
         return _cut(work, scenario, vehicle, push, blind)
     pulsed = flown(work, scenario, exercise, push, vehicle.model())
     if pulsed.ended:
-        return [Check("stop", exercise.name, f"ended early: {pulsed.ended}.", "Put it right, then repeat.")], {}
+        return [
+            Check("stop", exercise.name, sentence(f"ended early: {pulsed.ended}"), "Put it right, then repeat.")
+        ], {}
     return _judged(exercise, push, _felt(work, vehicle.model(), vehicle, pulsed, push))
 
 
@@ -82,13 +84,13 @@ def _cut(
         if cut_at:
             why = halted(work, scenario)
     if pulsed is None or not cut_at:
-        return [Check("stop", CUT.name, f"ended early: {ended}.", "Put it right, then repeat.")], {}
+        return [Check("stop", CUT.name, sentence(f"ended early: {ended}"), "Put it right, then repeat.")], {}
     if why:
-        text = f"it could not be stopped over a new line: {why}."
+        text = sentence(f"it could not be stopped over a new line: {why}")
         return [Check("stop", "vehicle", text, f"If a thruster turns: {NOW} Then repeat this stage.")], {}
     stopped = Check("ok", "new line", "after the cut a new line takes over, and stops it")
     if ended:
-        return [Check("stop", CUT.name, f"ended early: {ended}.", "Put it right, then repeat."), stopped], {}
+        return [Check("stop", CUT.name, sentence(f"ended early: {ended}"), "Put it right, then repeat."), stopped], {}
     if looked is not None:
         return _seen_again(looked, push, stopped)
     checks, row = _judged(CUT, push, _felt(work, vehicle.model(), vehicle, pulsed, push))

@@ -53,7 +53,7 @@ def sea(height: float, direction_deg: float) -> dict[str, Any] | None:
     }
 
 
-def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float) -> dict[str, Any]:
+def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float, strays: float = 0.0) -> dict[str, Any]:
     """Four corners about the tank's middle, two shallow and two deep, as large as the room allows.
 
     A leg leads to the first corner, where it stays for 10 s before it goes on: so it begins alike wherever it came
@@ -64,6 +64,7 @@ def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float) -> dict[str, Any]:
         vehicle: That flies.
         tank: Whose walls it stays off.
         accuracy: Standard deviation of the estimated position, each axis [m].
+        strays: By how much more it was seen to leave its path, as one without sway does at corners [m].
 
     Returns:
         `mission` and `duration` of a scenario.
@@ -75,7 +76,7 @@ def in_tank(vehicle: Vehicle, tank: Tank, accuracy: float) -> dict[str, Any]:
     limits = Limits.of(model)
     values = own_values(limits)
     away = np.abs(np.asarray(model.hull.corners)).max(axis=0)
-    clear = CLEAR + max(values["acceptance"], STRAYS * accuracy)
+    clear = CLEAR + max(values["acceptance"], STRAYS * accuracy) + strays
     round_about = float(np.hypot(*np.asarray(model.hull.corners)[:, :2].T).max()) + clear
     upright = float(away[2]) + MARGIN * limits.length
     half = np.minimum(0.5 * np.array(tank.sizes[:2]) - round_about, 0.5 * SIDE * limits.length)

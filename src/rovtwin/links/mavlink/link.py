@@ -342,7 +342,8 @@ class MavlinkLink(Link):
         self._check_usable()
         if self._steering.unknown:
             raise LinkTimeout(f"mavlink: {self._line.url}: {self._steering.unknown}")
-        for limit_of_sticks in self._steering.limits():
+        self.limits = tuple(self._steering.limits())
+        for limit_of_sticks in self.limits:
             logger.warning("mavlink: %s: %s", self._line.url, limit_of_sticks)
 
     def _command(self, command: int, what: str, end: float, *values: float) -> None:

@@ -55,6 +55,7 @@ QTM = Endpoint(
     options={"heading": "DEG", "origin": "NORTH,EAST,DOWN"},
     requires=("qtm_rt", "qualisys"),
     source=_source,
+    at_origin=lambda url: ("position",),
     server=_server,
     note=_note,
     reached=lambda server: f"qtm://{server.host}:{server.port}/{server.body}",

@@ -93,7 +93,7 @@ def reservations(model: Model) -> list[str]:
     elif not np.isfinite([roll, pitch]).all():
         found.append("nothing rights it: CG is at CB")
     elif max(abs(roll), abs(pitch)) > _UPRIGHT:
-        found.append(f"it hangs at roll {roll:.0f}, pitch {pitch:.0f} deg")
+        found.append(f"it hangs at roll {roll:z.0f}, pitch {pitch:z.0f} deg")
     if model.thrusters.count == 0:
         found.append("it has no thrusters")
     return found

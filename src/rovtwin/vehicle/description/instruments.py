@@ -43,6 +43,11 @@ def instruments(vehicle: Vehicle) -> list[Instrument]:
     return found
 
 
+def carries(vehicle: Vehicle, kind: str) -> bool:
+    """Whether a sensor of a kind sits in one of its parts and is read."""
+    return any(one.kind == kind and not one.spare for one in instruments(vehicle))
+
+
 def _measured(sensor: Sensor) -> list[tuple[str, SensorFigures]]:
     """Kinds that a sensor measures, with their figures."""
     if sensor.kind != "imu":

@@ -276,7 +276,7 @@ def _why_not(total: Assembly, target: BallastTarget, stock: Stock) -> str:
     x = _amounts(total, level, stock)
     if x is None:
         roll, pitch = np.degrees(_with(total, stock, _most_level(total, level, stock)).trim)
-        return f"level: {limit}, the best is roll {roll:.2f}, pitch {pitch:.2f} deg; {fix}"
+        return f"level: {limit}, the best is roll {roll:z.2f}, pitch {pitch:z.2f} deg; {fix}"
     required, least = float(target.metacentric_height or 0.0), float(x.sum())
     masses = [least, *_masses(least, stock.most)]
     low = min(_extreme(total, target, stock, added, -1.0) for added in masses)
