@@ -88,7 +88,7 @@ def fly_live(
             warn(line)
         scenario = fitted(fitted_test(scenario), simulation.model)
         mux = SensorMux(link, sources)
-        _rewound(link)
+        rewound(link)
         needed = needed_by(scenario)
         known: dict[str, Any] = {
             "needed": needed,
@@ -110,7 +110,7 @@ def fly_live(
             ending = "not armed"
             if arm(readiness):
                 # It may have drifted while everything was compiled and somebody thought.
-                _rewound(link)
+                rewound(link)
                 also = [name for name in ("position",) if name in readiness.rates]
                 loop.start_from(listen(mux, also, say, clock.speed, **known))
                 if thrust:
@@ -162,7 +162,7 @@ def _dry(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"autopilot": autopilot})
 
 
-def _rewound(link: Link) -> None:
+def rewound(link: Link) -> None:
     """A log begins when it is listened to, not when it was opened; a computed vehicle waits for its host."""
     if isinstance(link, ReplayLink):
         link.rewind()
@@ -215,9 +215,9 @@ class _LiveLoop:
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""
         settle()
-        _rewound(self._link)  # a short log may have ended by now, and says so when read
+        rewound(self._link)  # a short log may have ended by now, and says so when read
         self._mux.drain()
-        _rewound(self._link)
+        rewound(self._link)
         self._mux.zero = began = self._clock.next(self._dt)
         then = self._link.datum if isinstance(self._link, ReplayLink) else None
         began_at(then.utc_start if then else utc_now((began - self._clock()) / self._clock.speed))

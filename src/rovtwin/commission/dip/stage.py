@@ -49,6 +49,7 @@ def run(work: Work) -> Outcome:
             lambda: work.may_move(question),
             lambda t, what: work.person.progress(f"{what}", t / seconds),
         )  # fmt: skip
+    work.at_rest()
     checks = [*_ended(flown)]
     if flown.ended:
         return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))

@@ -49,7 +49,9 @@ def next_step(rows: Sequence[tuple[Stage, str, Attempt | None]]) -> str:
             return f"{stage.title} was cut off, and what it has measured is kept: start it again."
         if words == "out of date":
             return f"The vehicle file, the tank or the link was changed since {stage.title} was passed: start it again."
-        return before if "start" in before else f"{before} Start {stage.title}.".strip()
+        if not before:
+            return f"Start {stage.title}: {stage.purpose}."
+        return before if "start" in before else f"{before} Start {stage.title}."
     return before
 
 

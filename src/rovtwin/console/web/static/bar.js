@@ -131,7 +131,7 @@ function show(facts, state, arm) {
   const slow = reached(state);
   facts.time(`${clock(state.t)}${asked}${slow ? `, reached ×${slow}` : ''}`, state.running && !slow ? '' : 'warn');
   const stage = state.stage === 'lent' ? live.last.commission?.now : null;
-  if (stage?.moves) facts.arm('may turn', 'warn');
+  if (stage?.phase === 'turning') facts.arm('may turn', 'warn');
   if (state.stage === 'lent') ['phase', 'age', 'battery', 'leak', 'position', 'nis', 'progress'].forEach(id => facts[id]('–'));
   if (!state.eta) return;
   const loud = state.reason === 'operator' ? 'warn' : LOUD[state.phase] || '';  // what you asked for is no alarm

@@ -1,5 +1,6 @@
 /** The view Commission: what to do next, the checklist, the stage that is being done, the page of a stage. */
 import {make, mount} from '/static/canvas.js';
+import {clock} from '/static/clock.js';
 import {LONG, formOf, listOf} from '/static/commission_list.js';
 import {LEVEL, chip, lineOf, pageOf} from '/static/commission_page.js';
 import {cardOf} from '/static/commission_question.js';
@@ -8,7 +9,7 @@ import {showReply} from '/static/page.js';
 
 const order = (op, more = {}) => showReply(live.send({do: 'commission', op, ...more}, LONG));
 const nameOf = () => new URLSearchParams(location.search).get('name');
-const NOTHING = {now: null, question: null, progress: {what: '', share: null}, lines: [], ended: null, held: false, revision: 0};
+const NOTHING = {now: null, question: null, progress: {what: '', share: null, seconds: 0, whole: 0}, lines: [], ended: null, held: false, revision: 0};
 
 /** The whole view; `data` is the checklist, null before it has come or where none was chosen. */
 class View {
@@ -18,8 +19,10 @@ class View {
     this.error = '';
     this.chosen = null; // a stage that a hand chose
     this.message = NOTHING;
+    this.told = 0; // when `message` or its progress came [performance.now]
     this.starting = null; // title of a stage that was ordered and does not run yet
     this.asked = 0; // revision of the checklist that was asked for
+    this.had = null; // and of the one that is shown
     this.head = make('div', {class: 'commission-head'});
     this.next = make('p', {class: 'commission-next', role: 'status', id: 'commission-next'});
     this.actions = make('div', {class: 'line commission-actions'});
@@ -41,6 +44,7 @@ class View {
     } catch {
       this.error = 'The console does not answer.';
     }
+    this.had = this.asked;
     this.show();
     if (this.asked !== this.message.revision) this.read();
   }
@@ -50,6 +54,7 @@ class View {
     const doing = this.message.now?.name;
     const anew = message.revision !== this.message.revision;
     this.message = message;
+    this.told = performance.now();
     if (message.now?.name !== doing && message.now?.folder === this.name) this.chosen = message.now?.name ?? this.chosen;
     if (!message.now && message.ended?.folder === this.name && doing) this.chosen = message.ended.stage;
     if (anew && this.name && this.asked !== message.revision) this.read();
@@ -65,18 +70,29 @@ class View {
     card?.focus({preventScroll: true});
   }
 
-  progress({what, share}) {
-    this.message.progress = {what, share};
+  progress({what, share, seconds, whole}) {
+    this.message.progress = {what, share, seconds, whole};
+    this.told = performance.now();
     const bar = this.now.querySelector('progress');
     if (!bar) return;
     if (share === null) bar.removeAttribute('value');
     else bar.value = share;
     this.now.querySelector('.commission-what').textContent = what;
+    this.showTime();
+  }
+
+  /** For how long what is done now goes on, and the stage: nothing else moves while a share is not known. */
+  showTime() {
+    const {seconds, whole} = this.message.progress;
+    const since = (performance.now() - this.told) / 1e3;
+    const time = this.now.querySelector('.commission-time');
+    if (time) time.textContent = whole - seconds < 1 ? clock(seconds + since) : `${clock(seconds + since)} (${clock(whole + since)} in all)`;
   }
 
   show() {
     this.#showNext();
     this.#showNow();
+    this.showTime();
     this.#showList();
     this.#showPage();
   }
@@ -87,16 +103,22 @@ class View {
       make('strong', {class: 'commission-name'}, this.name ?? 'Commissioning'));
   }
 
+  /** Whether the checklist is that of before: what is due then may be done by now. */
+  get isOld() { return this.data !== null && this.had !== this.message.revision; }
+
   /** In one sentence. */
   #sentence() {
     const {now, question} = this.message;
+    if (question?.kind === 'number' && live.last.rights?.may) return `${now.title} asks for a figure: type it and send it.`;
     if (question && live.last.rights?.may) return `${now.title} asks: read it, look at the vehicle, then answer.`;
     if (question) return `${now.title} asks: whoever is in control answers.`;
-    if (now?.moves) return `${now.title} is being done: watch the vehicle. STOP or Esc ends it at once.`;
+    if (now?.phase === 'turning') return `${now.title}: thrusters may turn. Watch the vehicle; STOP or Esc ends it at once.`;
+    if (now?.moves) return `${now.title} is being computed: thrusters stay off until it has asked. Wait.`;
     if (now) return `${now.title} is being done: thrusters stay off. Wait.`;
     if (this.starting) return `${this.starting} is being started: wait.`;
     if (!this.name) return 'Begin a commissioning, or open one to go on where it was left.';
     if (this.error) return this.error;
+    if (this.isOld) return 'Reading what came of it: wait.';
     return this.data?.next ?? 'Reading the checklist: half a minute the first time.';
   }
 
@@ -105,7 +127,7 @@ class View {
     if (this.next.textContent !== sentence) this.next.textContent = sentence;
     const {now, held} = this.message;
     const may = Boolean(live.last.rights?.may) && !this.starting;
-    const due = this.data?.stages.find(stage => stage.name === this.data.due);
+    const due = this.isOld ? null : this.data?.stages.find(stage => stage.name === this.data.due);
     const button = (words, id, act, more = '') => make('button', {class: `action ${more}`, type: 'button', id, disabled: !may, onclick: act}, words);
     const key = JSON.stringify([now?.name, held, may, due?.name, due?.state]);
     if (this.actions.dataset.key === key) return; // or a click would miss a button that is made anew
@@ -126,16 +148,21 @@ class View {
   }
 
   #showNow() {
-    const {now, question, progress, lines, ended} = this.message;
-    const key = JSON.stringify([now, question?.id, lines, ended, live.last.rights?.may, this.#chosenName(), this.data?.folder]);
+    const {now, question, progress, ended} = this.message;
+    const heading = this.data?.stages.find(one => one.name === now?.name);
+    // The terminal needs number, title and purpose; here they stand on the page of the stage.
+    const lines = this.message.lines.filter(line => !heading || line !== `${heading.number}. ${heading.title}: ${heading.purpose}`);
+    const key = JSON.stringify([now, question?.id, lines, ended, live.last.rights?.may, this.#chosenName(), this.data?.folder, this.starting]);
     if (this.now.dataset.key === key) return;
     this.now.dataset.key = key;
     const parts = [];
     if (question) parts.push(cardOf(question, now));
     if (now && !question) parts.push(make('div', {class: 'commission-progress'},
       make('progress', {max: 1, 'aria-label': `Progress of ${now.title}`, ...(progress.share === null ? {} : {value: progress.share})}),
-      make('span', {class: 'commission-what'}, progress.what)));
-    if (!now && ended?.folder === this.name && ended.stage === this.#chosenName()) parts.push(make('p', {class: 'commission-ended', 'data-level': LEVEL[ended.how === 'go' ? 'go' : 'no-go'], role: 'status'}, ended.text));
+      make('span', {class: 'commission-what'}, progress.what), make('span', {class: 'commission-time muted', role: 'timer'})));
+    if (!now && this.starting) parts.push(make('div', {class: 'commission-progress'},
+      make('progress', {'aria-label': `Start of ${this.starting}`}), make('span', {class: 'commission-what'}, 'reading what was done before')));
+    else if (!now && ended?.folder === this.name && ended.stage === this.#chosenName()) parts.push(make('p', {class: 'commission-ended', 'data-level': LEVEL[ended.how === 'go' ? 'go' : 'no-go'], role: 'status'}, ended.text));
     if (now && lines.length) parts.push(make('ul', {class: 'commission-lines', role: 'log', 'aria-label': 'What the stage says'},
       ...lines.map(line => lineOf(now.folder, now.folder === this.name ? this.data?.folder : '', line))));
     this.now.replaceChildren(...parts);
@@ -180,7 +207,7 @@ class View {
   #showPage() {
     const stage = this.data?.stages.find(one => one.name === this.#chosenName());
     if (!stage) return;
-    const may = Boolean(live.last.rights?.may) && !this.message.now && !this.starting;
+    const may = Boolean(live.last.rights?.may) && !this.message.now && !this.starting && !this.isOld;
     const {now} = this.message;
     const doing = now?.name === stage.name && now.folder === this.name ? now : null;
     const key = JSON.stringify([stage, may, doing]);
@@ -219,12 +246,13 @@ class View {
 
 mount('commission', section => {
   const view = new View(section);
-  const leave = event => { if (view.message.now?.moves && live.last.rights?.may) event.preventDefault(); };
-  addEventListener('beforeunload', leave); // closing the page is a no, and ends what moves
+  const leave = event => { if (view.message.now?.phase === 'turning' && live.last.rights?.may) event.preventDefault(); };
+  addEventListener('beforeunload', leave); // closing the page ends what moves
   const release = [
     live.on('commission', message => view.take(message)),
     live.on('commission_progress', message => view.progress(message)),
     live.on('rights', () => view.show()),
   ];
-  return () => { release.forEach(one => one()); removeEventListener('beforeunload', leave); };
+  const timer = setInterval(() => view.showTime(), 1000);
+  return () => { clearInterval(timer); release.forEach(one => one()); removeEventListener('beforeunload', leave); };
 });
