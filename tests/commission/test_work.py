@@ -12,6 +12,7 @@ from rovtwin.commission.run import commission
 from rovtwin.commission.stage import Outcome, Stage
 from rovtwin.commission.work import Work
 
+
 def test_the_line_that_steers_is_stopped_past_the_stage(tmp_path, monkeypatch):
     given = []
 

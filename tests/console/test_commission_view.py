@@ -5,7 +5,7 @@ import json
 import pytest
 
 QUESTION = {"id": 3, "kind": "confirm", "text": "Thrusters turn for 38 s. Are all hands away", "unit": ""}
-NOW = {"name": "dip", "title": "Dip", "moves": True, "folder": "c", "attempts": 1}
+NOW = {"name": "dip", "title": "Dip", "moves": True, "folder": "c", "attempts": 1, "phase": "asking"}
 CHECKS = [
     {"verdict": "ok", "what": "gyro", "text": "as expected", "fix": ""},
     {"verdict": "warning", "what": "clock", "text": "it is late.", "fix": "Look for a slow link."},
@@ -82,7 +82,8 @@ def opened(open_views, views_page):
 
 def reported(page, **changes):
     """What the server tells of the stage that is being done."""
-    fixed = {"kind": "commission", "now": None, "question": None, "progress": {"what": "", "share": None}}
+    progress = {"what": "", "share": None, "seconds": 0, "whole": 0}
+    fixed = {"kind": "commission", "now": None, "question": None, "progress": progress}
     page.evaluate("m => window.emit(m)", fixed | {"lines": [], "ended": None, "held": False, "revision": 1} | changes)
 
 
@@ -106,6 +107,7 @@ def test_only_a_click_made_after_the_question_appeared_answers_it(opened):
     page.keyboard.press("Enter")
     page.keyboard.press("Space")
     assert page.evaluate("document.activeElement.getAttribute('role')") == "alertdialog"
+    assert "Thrusters may turn after a yes" in card.inner_text()
     assert answers(page) == []
     able(page)
     page.keyboard.press("Enter")
@@ -113,8 +115,9 @@ def test_only_a_click_made_after_the_question_appeared_answers_it(opened):
     assert "read it, look at the vehicle, then answer" in page.inner_text("#commission-next")
     yes.click()
     assert answers(page) == [[3, True]] and yes.is_disabled() and no.is_disabled()
-    reported(page, now=NOW, question=QUESTION | {"id": 4})
+    reported(page, now=NOW | {"phase": "resting"}, question=QUESTION | {"id": 4})
     able(page)
+    assert "Thrusters may turn" not in card.inner_text(), "this one moves nothing"
     no.click()
     assert answers(page) == [[3, True], [4, False]]
     reported(page, now=NOW)
@@ -125,6 +128,8 @@ def test_a_figure_has_its_unit_and_may_be_not_to_be_had(opened):
     page = opened("?name=c")
     reported(page, now=NOW, question=QUESTION | {"id": 5, "kind": "number", "text": "What did it read", "unit": "N"})
     able(page)
+    assert "asks for a figure" in page.inner_text("#commission-next")
+    assert "says what is lost" in page.inner_text(".commission-question")
     field = page.get_by_label("What did it read [N]")
     page.get_by_role("button", name="Send").click()
     assert answers(page) == [], "nothing was typed"
@@ -157,17 +162,27 @@ def test_one_sentence_says_what_to_do_next(opened):
     )
     page.get_by_role("button", name="Start Dip").click()
     assert page.evaluate("window.sent.at(-1)") == {"do": "commission", "op": "start", "folder": "c", "stage": "dip"}
-    reported(
-        page, now=NOW, held=True, revision=2, progress={"what": "pushing ahead", "share": 0.25}, lines=["hands off"]
-    )
-    assert "watch the vehicle. STOP or Esc" in page.inner_text("#commission-next")
+    doing = {"what": "planning", "share": 0.25, "seconds": 65, "whole": 125}
+    lines = ["2. Dip: what dip finds out", "hands off"]
+    reported(page, now=NOW | {"phase": "resting"}, held=True, revision=2, progress=doing, lines=lines)
+    assert "thrusters stay off until it has asked" in page.inner_text("#commission-next")
     assert page.locator("#commission progress").get_attribute("value") == "0.25"
-    page.evaluate("window.emit({kind: 'commission_progress', what: 'pushing astern', share: 0.5})")
+    page.wait_for_function("/^1:\\d\\d [(]2:\\d\\d in all[)]$/.test(document.querySelector('.commission-time').innerText)")
+    shown = page.inner_text(".commission-time")
+    page.wait_for_function("shown => document.querySelector('.commission-time').innerText > shown", arg=shown)
+    assert page.locator(".commission-lines li").all_inner_texts() == ["hands off"], "its title stands on its page"
+    reported(page, now=NOW | {"phase": "turning"}, held=True, revision=2, lines=lines)
+    assert "Watch the vehicle; STOP or Esc" in page.inner_text("#commission-next")
+    news = {"kind": "commission_progress", "what": "pushing astern", "share": 0.5, "seconds": 3, "whole": 3}
+    page.evaluate("m => window.emit(m)", news)
     assert "pushing astern" in page.inner_text("#commission-now") and "hands off" in page.inner_text("#commission-now")
+    assert page.inner_text(".commission-time").startswith("0:0")
     page.get_by_role("button", name="End Dip").click()
     assert page.evaluate("window.sent.at(-1).op") == "end"
     assert page.locator("#stage-dip .commission-chip").inner_text() == "now"
     assert page.locator("#commission-attempt").count() == 0, "the attempt that is being made has no page yet"
+    before = page.locator("#commission-before")
+    assert before.get_attribute("open") is None and "The attempt before: cut off" in before.inner_text()
     reported(page, now=NOW | {"name": "paper", "title": "Paper", "moves": False}, revision=3)
     assert "thrusters stay off" in page.inner_text("#commission-next")
     ended = {"stage": "dip", "folder": "c", "how": "no-go", "level": "danger", "text": "Dip: no-go. Its page says why."}
@@ -258,3 +273,47 @@ def test_a_picture_that_a_stage_names_is_shown(opened):
     reported(page, now=NOW, lines=lines)
     shown = page.locator(".commission-lines img")
     assert shown.count() == 1 and shown.get_attribute("src") == "/commission/file?name=c&path=3-dip%2F3%2Fpull.png"
+
+
+def test_nothing_is_started_from_a_checklist_of_before(opened, views_page):
+    shared, _ = views_page
+    page = opened("?name=c")
+    page.get_by_role("button", name="Start Dip").wait_for()
+    waiting = []
+    shared.route("**/commission/checklist*", lambda route: waiting.append(route))
+    try:
+        ended = {"stage": "dip", "folder": "c", "how": "go", "level": "ok", "text": "Dip: go."}
+        reported(page, ended=ended, held=True, revision=8)
+        page.wait_for_function("document.querySelector('#commission-next').innerText.startsWith('Reading what came')")
+        assert page.locator("#commission-start").count() == 0, "it would be done again"
+        done = CHECKLIST | {"due": "drill", "next": "Keep hands away. Start Drill."}
+        waiting[0].fulfill(body=json.dumps(done), content_type="application/json")
+        page.get_by_role("button", name="Start Drill").wait_for()
+    finally:
+        shared.unroute("**/commission/checklist*")
+    page.evaluate("window.late = 4000")
+    page.get_by_role("button", name="Start Drill").click()
+    page.locator(".commission-progress progress").wait_for()  # an order that takes a while shows that it does
+    page.evaluate("window.late = 0")
+
+
+def test_all_stages_stand_on_a_small_laptop(opened, views_page):
+    shared, _ = views_page
+    many = [
+        stage(k, f"stage{k}", "to do") | {"purpose": "what it finds out, in so many words that it takes " * 2}
+        for k in range(1, 11)
+    ]
+    shared.route(
+        "**/commission/checklist*",
+        lambda route: route.fulfill(body=json.dumps(CHECKLIST | {"stages": many, "due": "stage1"})),
+    )
+    page = opened("?name=c")
+    page.set_viewport_size({"width": 1024, "height": 700})
+    try:
+        page.locator("#stage-stage10").wait_for()
+        heights = page.eval_on_selector_all(".commission-stage", "all => all.map(one => one.offsetHeight)")
+        assert sum(heights) < 700 - 200, "bar, alerts and the sentence on top take 200"
+        assert page.locator("#stage-stage1 .muted").first.is_visible(), "the chosen one says what it is for"
+    finally:
+        shared.unroute("**/commission/checklist*")
+        page.set_viewport_size({"width": 900, "height": 600})

@@ -79,8 +79,8 @@ class Work:
         folder: Of this attempt.
         person: Whoever stands at the water.
         stop_at: Socket that stops the thrusters, past this process, while a line steers; None: there is none.
-        enter: Called with what begins: asking whether thrusters may turn, turning once there is a yes, resting once they
-            are off and what follows is computed only.
+        enter: Called with what begins: asking whether thrusters may turn, turning once there is a yes, resting once
+            they are off and what follows is computed only.
     """
 
     dossier: Dossier
