@@ -1,6 +1,7 @@
 """The view Commission in Chromium: what to do next, cards that only a click made after they appeared answers, pages."""
 
 import json
+import re
 
 import pytest
 
@@ -167,7 +168,9 @@ def test_one_sentence_says_what_to_do_next(opened):
     reported(page, now=NOW | {"phase": "resting"}, held=True, revision=2, progress=doing, lines=lines)
     assert "thrusters stay off until it has asked" in page.inner_text("#commission-next")
     assert page.locator("#commission progress").get_attribute("value") == "0.25"
-    page.wait_for_function("/^1:\\d\\d [(]2:\\d\\d in all[)]$/.test(document.querySelector('.commission-time').innerText)")
+    page.wait_for_function(
+        "/^1:\\d\\d [(]2:\\d\\d in all[)]$/.test(document.querySelector('.commission-time').innerText)"
+    )
     shown = page.inner_text(".commission-time")
     page.wait_for_function("shown => document.querySelector('.commission-time').innerText > shown", arg=shown)
     assert page.locator(".commission-lines li").all_inner_texts() == ["hands off"], "its title stands on its page"
