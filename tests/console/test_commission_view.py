@@ -1,7 +1,6 @@
 """The view Commission in Chromium: what to do next, cards that only a click made after they appeared answers, pages."""
 
 import json
-import re
 
 import pytest
 
