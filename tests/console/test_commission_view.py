@@ -185,6 +185,8 @@ def test_one_sentence_says_what_to_do_next(opened):
     assert page.locator("#commission-attempt").count() == 0, "the attempt that is being made has no page yet"
     before = page.locator("#commission-before")
     assert before.get_attribute("open") is None and "The attempt before: cut off" in before.inner_text()
+    reported(page, now=NOW | {"ending": True}, held=True, revision=2)
+    assert "is being ended" in page.inner_text("#commission-next") and page.locator("#commission-end").is_disabled()
     reported(page, now=NOW | {"name": "paper", "title": "Paper", "moves": False}, revision=3)
     assert "thrusters stay off" in page.inner_text("#commission-next")
     ended = {"stage": "dip", "folder": "c", "how": "no-go", "level": "danger", "text": "Dip: no-go. Its page says why."}
@@ -249,9 +251,11 @@ def test_nobody_is_kept_out_and_nothing_runs_over_the_edge(opened, width, height
     page.set_viewport_size({"width": width, "height": height})
     try:
         page.get_by_role("heading", name="2 Dip").wait_for()
+        page.get_by_text("What is asked for").click()
+        sheet = page.add_style_tag(content="button { box-sizing: content-box; }")  # as NiceGUI's has it
         shown = [
             {},
-            {"now": NOW},
+            {"now": NOW, "progress": {"what": "estimating, " * 12, "share": 0.2, "seconds": 70, "whole": 900}},
             {"now": NOW, "question": QUESTION},
             {"now": NOW, "question": QUESTION | {"kind": "number", "id": 9}},
         ]
@@ -262,8 +266,11 @@ def test_nobody_is_kept_out_and_nothing_runs_over_the_edge(opened, width, height
             grave = [(one["id"], one["nodes"][0]["html"][:120]) for one in found if one["impact"] != "minor"]
             assert grave == []
             assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+            bar = page.locator(".commission-progress progress")
+            assert not bar.count() or bar.bounding_box()["width"] > 150, "however much is said of what goes on"
             small = page.evaluate(SMALL)
             assert small == []
+        sheet.evaluate("one => one.remove()")
     finally:
         page.set_viewport_size({"width": 900, "height": 600})
 

@@ -19,7 +19,7 @@ from rovtwin.core.log import LogWriter
 from rovtwin.core.sensors import kind_of
 from rovtwin.core.types import Matrix3
 from rovtwin.core.user_files.jsontext import to_json
-from rovtwin.live.flight import metadata_of, rewound
+from rovtwin.live.flight import metadata_of
 from rovtwin.live.readiness import SensorMux, listen
 from rovtwin.live.recorder import live_channels
 from rovtwin.runs.compose.composition import compose
@@ -159,12 +159,9 @@ class _Run:
         self._off = np.zeros(thrusters)
         self._counts: dict[str, int] = {}
         self._pace = Pace()
-        # Whoever was asked may have thought for minutes: those are not computed, and no sensor was silent meanwhile.
-        rewound(link)
+        self._last = dict.fromkeys(NEEDED, clock())  # when each came [s]
         mux.drain()
-        rewound(link)
         mux.zero = self._began = clock.next(self._dt)
-        self._last = dict.fromkeys(NEEDED, self._began)  # when each came [s]
         writer.annotate(beginning(scenario, utc_now()))
 
     def through(

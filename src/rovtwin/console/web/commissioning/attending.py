@@ -130,7 +130,7 @@ class Commissioning:
         self._seen_at = self._began = self._doing_since = time.monotonic()
         self._progress = {"what": "starting", "share": None}
         self._now = {key: row[key] for key in ("name", "title", "moves")}
-        self._now |= {"folder": folder, "attempts": len(row["attempts"]), "phase": "resting"}
+        self._now |= {"folder": folder, "attempts": len(row["attempts"]), "phase": "resting", "ending": False}
         self._changed()
         self._task = asyncio.create_task(self._attend(process))
 
@@ -174,7 +174,7 @@ class Commissioning:
     def _end(self) -> None:
         if self._process is None:
             raise RovtwinError("no stage is being done")
-        self._process.stop()
+        self._stop(self._process)
 
     def _give_back(self) -> None:
         if self._process is not None or self._starting:
@@ -188,9 +188,16 @@ class Commissioning:
         """STOP: end a stage that may move the vehicle, at once; whether there is one."""
         moves = self._process is not None and self._now is not None and self._now["moves"]
         if moves and self._process is not None:
-            self._question = None
-            self._process.stop()
+            self._stop(self._process)
         return moves
+
+    def _stop(self, process: StageProcess) -> None:
+        """End it; one that computes may take some seconds, and pages say that it was heard."""
+        self._question = None
+        process.stop()
+        if self._now is not None:
+            self._now = self._now | {"ending": True}
+        self._tell()
 
     async def close(self) -> None:
         """End what is being done; the console ends."""

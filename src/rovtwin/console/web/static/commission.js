@@ -109,6 +109,7 @@ class View {
   /** In one sentence. */
   #sentence() {
     const {now, question} = this.message;
+    if (now?.ending) return `${now.title} is being ended: what it has measured is kept. Wait.`;
     if (question?.kind === 'number' && live.last.rights?.may) return `${now.title} asks for a figure: type it and send it.`;
     if (question && live.last.rights?.may) return `${now.title} asks: read it, look at the vehicle, then answer.`;
     if (question) return `${now.title} asks: whoever is in control answers.`;
@@ -128,8 +129,8 @@ class View {
     const {now, held} = this.message;
     const may = Boolean(live.last.rights?.may) && !this.starting;
     const due = this.isOld ? null : this.data?.stages.find(stage => stage.name === this.data.due);
-    const button = (words, id, act, more = '') => make('button', {class: `action ${more}`, type: 'button', id, disabled: !may, onclick: act}, words);
-    const key = JSON.stringify([now?.name, held, may, due?.name, due?.state]);
+    const button = (words, id, act, more = '') => make('button', {class: `action ${more}`, type: 'button', id, disabled: !may || now?.ending, onclick: act}, words);
+    const key = JSON.stringify([now?.name, now?.ending, held, may, due?.name, due?.state]);
     if (this.actions.dataset.key === key) return; // or a click would miss a button that is made anew
     this.actions.dataset.key = key;
     this.actions.replaceChildren(
