@@ -82,7 +82,7 @@ def opened(open_views, views_page):
 
 def reported(page, **changes):
     """What the server tells of the stage that is being done."""
-    progress = {"what": "", "share": None, "seconds": 0, "whole": 0}
+    progress = {"what": "", "share": None, "since": 0, "began": 0}
     fixed = {"kind": "commission", "now": None, "question": None, "progress": progress}
     page.evaluate("m => window.emit(m)", fixed | {"lines": [], "ended": None, "held": False, "revision": 1} | changes)
 
@@ -162,23 +162,20 @@ def test_one_sentence_says_what_to_do_next(opened):
     )
     page.get_by_role("button", name="Start Dip").click()
     assert page.evaluate("window.sent.at(-1)") == {"do": "commission", "op": "start", "folder": "c", "stage": "dip"}
-    doing = {"what": "planning", "share": 0.25, "seconds": 65, "whole": 125}
+    doing = {"what": "planning", "share": 0.25, "since": 1060, "began": 1000}
     lines = ["2. Dip: what dip finds out", "hands off"]
     reported(page, now=NOW | {"phase": "resting"}, held=True, revision=2, progress=doing, lines=lines)
     assert "thrusters stay off until it has asked" in page.inner_text("#commission-next")
     assert page.locator("#commission progress").get_attribute("value") == "0.25"
-    page.wait_for_function(
-        "/^1:\\d\\d [(]2:\\d\\d in all[)]$/.test(document.querySelector('.commission-time').innerText)"
-    )
-    shown = page.inner_text(".commission-time")
-    page.wait_for_function("shown => document.querySelector('.commission-time').innerText > shown", arg=shown)
+    page.evaluate("window.emit({kind: 'pulse', at: 1125})")
+    page.wait_for_function("document.querySelector('.commission-time').innerText === '1:05 (2:05 in all)'")
     assert page.locator(".commission-lines li").all_inner_texts() == ["hands off"], "its title stands on its page"
     reported(page, now=NOW | {"phase": "turning"}, held=True, revision=2, lines=lines)
     assert "Watch the vehicle; STOP or Esc" in page.inner_text("#commission-next")
-    news = {"kind": "commission_progress", "what": "pushing astern", "share": 0.5, "seconds": 3, "whole": 3}
+    news = {"kind": "commission_progress", "what": "pushing astern", "share": 0.5, "since": 1122, "began": 1122}
     page.evaluate("m => window.emit(m)", news)
     assert "pushing astern" in page.inner_text("#commission-now") and "hands off" in page.inner_text("#commission-now")
-    assert page.inner_text(".commission-time").startswith("0:0")
+    page.wait_for_function("document.querySelector('.commission-time').innerText === '0:03'")
     page.get_by_role("button", name="End Dip").click()
     assert page.evaluate("window.sent.at(-1).op") == "end"
     assert page.locator("#stage-dip .commission-chip").inner_text() == "now"
@@ -187,6 +184,8 @@ def test_one_sentence_says_what_to_do_next(opened):
     assert before.get_attribute("open") is None and "The attempt before: cut off" in before.inner_text()
     reported(page, now=NOW | {"ending": True}, held=True, revision=2)
     assert "is being ended" in page.inner_text("#commission-next") and page.locator("#commission-end").is_disabled()
+    reported(page, now=NOW | {"folder": "other"}, revision=3)
+    assert "Dip of other" in page.inner_text("#commission-next"), "another commissioning goes on"
     reported(page, now=NOW | {"name": "paper", "title": "Paper", "moves": False}, revision=3)
     assert "thrusters stay off" in page.inner_text("#commission-next")
     ended = {"stage": "dip", "folder": "c", "how": "no-go", "level": "danger", "text": "Dip: no-go. Its page says why."}
@@ -255,7 +254,7 @@ def test_nobody_is_kept_out_and_nothing_runs_over_the_edge(opened, width, height
         sheet = page.add_style_tag(content="button { box-sizing: content-box; }")  # as NiceGUI's has it
         shown = [
             {},
-            {"now": NOW, "progress": {"what": "estimating, " * 12, "share": 0.2, "seconds": 70, "whole": 900}},
+            {"now": NOW, "progress": {"what": "estimating, " * 12, "share": 0.2, "since": 70, "began": 0}},
             {"now": NOW, "question": QUESTION},
             {"now": NOW, "question": QUESTION | {"kind": "number", "id": 9}},
         ]
@@ -304,6 +303,22 @@ def test_nothing_is_started_from_a_checklist_of_before(opened, views_page):
     page.get_by_role("button", name="Start Drill").click()
     page.locator(".commission-progress progress").wait_for()  # an order that takes a while shows that it does
     page.evaluate("window.late = 0")
+
+
+def test_what_came_of_a_stage_is_not_scrolled_away(opened):
+    page = opened("?name=c")
+    page.set_viewport_size({"width": 1024, "height": 400})
+    try:
+        page.get_by_role("heading", name="2 Dip").wait_for()
+        page.evaluate("document.querySelector('#commission').style.height = '400px'")  # as in the console's grid
+        page.get_by_text("What is asked for").click()
+        page.locator("#commission-send").scroll_into_view_if_needed()
+        place = "document.querySelector('.commission-main').scrollTop"
+        before = page.evaluate(place)
+        page.locator("#stage-paper").click()
+        assert before > 0 and page.evaluate(place) == 0
+    finally:
+        page.set_viewport_size({"width": 900, "height": 600})
 
 
 def test_all_stages_stand_on_a_small_laptop(opened, views_page):

@@ -128,7 +128,7 @@ def test_the_bar_tells_whether_thrusters_may_turn_while_a_commissioning_has_the_
         page.evaluate("async told => { await import('/static/live.js'); window.emit(told); }", told)
         page.evaluate(BAR, messages.state(stage="lent", armed=False, alerts=[], nis={}, running=True))
         shown.append([page.inner_text("#fact-link"), page.inner_text("#fact-arm")])
-    assert shown == [["commission", "off"], ["commission", "may turn"], ["commission", "off"]]
+    assert shown == [["in use", "off"], ["in use", "may turn"], ["in use", "off"]]
 
 
 def test_the_bar_tells_of_every_sensor_of_a_kind(open_views):

@@ -33,6 +33,7 @@ class FakeHub:
 
     def __init__(self):
         self.others, self.sent, self.silent, self.refuses = {}, [], 0.0, ""
+        self.kept = {}
         self.client, self.asked = SimpleNamespace(ask=self._ask, also_stops=None), []
 
     async def _ask(self, do):
@@ -41,9 +42,8 @@ class FakeHub:
             raise LinkError(self.refuses)
 
     def keep(self, message):
+        self.kept[message["kind"]] = message
         self.sent.append(message)
-
-    send = keep
 
     def say(self, level, text):
         self.sent.append({"kind": "event", "level": level, "text": text})
@@ -188,18 +188,19 @@ def test_what_turns_is_ended_where_nobody_could_press_stop_and_what_computes_is_
     ran(story())
 
 
-def test_pages_learn_for_how_long_a_stage_and_what_it_does_go_on(desk, hub):
+def test_pages_that_come_late_learn_since_when_a_stage_and_what_it_does_go_on(desk, hub):
     async def story():
         await desk.do({"op": "start", "folder": "c", "stage": "computes"})
-        assert hub.last["progress"]["seconds"] < 5.0
-        desk._began -= 100.0
-        desk._process.coming += [("progress", ("planning", 0.1)), ("progress", ("planning", 0.2))]
-        await settled(desk, lambda: hub.sent[-1].get("share") == 0.2)
-        assert hub.sent[-1]["seconds"] < 50.0 < 100.0 <= hub.sent[-1]["whole"]
-        desk._doing_since -= 20.0
-        desk._process.coming.append(("progress", ("planning", 0.3)))
-        await settled(desk, lambda: hub.sent[-1].get("share") == 0.3)
-        assert hub.sent[-1]["seconds"] >= 20.0, "the same goes on"
+        began = hub.last["progress"]["began"]
+        assert hub.last["progress"]["since"] == began
+        for share in (0.1, 0.2):
+            desk._process.coming.append(("progress", ("planning", share)))
+            await settled(desk, lambda share=share: hub.sent[-1].get("share") == share)
+        first, second = (one for one in hub.sent if one["kind"] == "commission_progress")
+        assert first["began"] == second["began"] == began < first["since"] == second["since"], "the same goes on"
+        desk._process.coming.append(("progress", ("flying", None)))
+        await settled(desk, lambda: hub.sent[-1].get("what") == "flying")
+        assert hub.sent[-1]["since"] > second["since"] and hub.kept["commission_progress"] == hub.sent[-1]
         await desk.do({"op": "end"})
         await settled(desk, lambda: hub.last["now"] is None)
 

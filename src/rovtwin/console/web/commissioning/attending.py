@@ -245,7 +245,7 @@ class Commissioning:
             if content[0] != self._progress["what"]:
                 self._doing_since = time.monotonic()
             self._progress = {"what": content[0], "share": content[1]}
-            self._hub.send({"kind": "commission_progress", **self._progress, **self._lasting()})
+            self._hub.keep({"kind": "commission_progress", **self._progress, **self._times()})
         elif kind == "phase" and self._now is not None:
             self._now = self._now | {"phase": content}
             self._tell()
@@ -275,10 +275,9 @@ class Commissioning:
             self._lines.append(f"ended: no page has been in control for {ALONE:g} s")
             self.stop()
 
-    def _lasting(self) -> dict[str, float]:
-        """For how long the stage goes on, and what it does now [s]."""
-        now = time.monotonic()
-        return {"seconds": now - self._doing_since, "whole": now - self._began}
+    def _times(self) -> dict[str, float]:
+        """Since when the stage goes on, and what it does now, by the clock of the hub's pulse [s]."""
+        return {"since": self._doing_since, "began": self._began}
 
     def _changed(self) -> None:
         self._revision += 1
@@ -290,7 +289,7 @@ class Commissioning:
                 "kind": "commission",
                 "now": self._now,
                 "question": self._question,
-                "progress": self._progress | self._lasting(),
+                "progress": self._progress | self._times(),
                 "lines": list(self._lines),
                 "ended": self._ended,
                 "held": self._hold.is_ours,

@@ -9,7 +9,7 @@ import {help, pressStop, showReply, theme} from '/static/page.js';
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
 const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
-const STAGES = {lent: 'commission'}; // whose vehicle it is then
+const STAGES = {lent: 'in use'}; // by a commissioning
 const WINDOW = 4;  // over which the speed that is reached is looked at [s]
 const past = []; // {now [ms], t [s], speed} of states in that window
 let question = null; // {who, box}: who asks for control

@@ -9,7 +9,7 @@ import {showReply} from '/static/page.js';
 
 const order = (op, more = {}) => showReply(live.send({do: 'commission', op, ...more}, LONG));
 const nameOf = () => new URLSearchParams(location.search).get('name');
-const NOTHING = {now: null, question: null, progress: {what: '', share: null, seconds: 0, whole: 0}, lines: [], ended: null, held: false, revision: 0};
+const NOTHING = {now: null, question: null, progress: {what: '', share: null, since: 0, began: 0}, lines: [], ended: null, held: false, revision: 0};
 
 /** The whole view; `data` is the checklist, null before it has come or where none was chosen. */
 class View {
@@ -19,7 +19,6 @@ class View {
     this.error = '';
     this.chosen = null; // a stage that a hand chose
     this.message = NOTHING;
-    this.told = 0; // when `message` or its progress came [performance.now]
     this.starting = null; // title of a stage that was ordered and does not run yet
     this.asked = 0; // revision of the checklist that was asked for
     this.had = null; // and of the one that is shown
@@ -54,7 +53,6 @@ class View {
     const doing = this.message.now?.name;
     const anew = message.revision !== this.message.revision;
     this.message = message;
-    this.told = performance.now();
     if (message.now?.name !== doing && message.now?.folder === this.name) this.chosen = message.now?.name ?? this.chosen;
     if (!message.now && message.ended?.folder === this.name && doing) this.chosen = message.ended.stage;
     if (anew && this.name && this.asked !== message.revision) this.read();
@@ -70,9 +68,8 @@ class View {
     card?.focus({preventScroll: true});
   }
 
-  progress({what, share, seconds, whole}) {
-    this.message.progress = {what, share, seconds, whole};
-    this.told = performance.now();
+  progress({what, share, since, began}) {
+    this.message.progress = {what, share, since, began};
     const bar = this.now.querySelector('progress');
     if (!bar) return;
     if (share === null) bar.removeAttribute('value');
@@ -83,10 +80,10 @@ class View {
 
   /** For how long what is done now goes on, and the stage: nothing else moves while a share is not known. */
   showTime() {
-    const {seconds, whole} = this.message.progress;
-    const since = (performance.now() - this.told) / 1e3;
+    const {since, began} = this.message.progress;
     const time = this.now.querySelector('.commission-time');
-    if (time) time.textContent = whole - seconds < 1 ? clock(seconds + since) : `${clock(seconds + since)} (${clock(whole + since)} in all)`;
+    const at = live.last.pulse?.at; // the server's clock: a page that comes late knows as much as the others
+    if (time) time.textContent = since - began < 1 ? clock(at - since) : `${clock(at - since)} (${clock(at - began)} in all)`;
   }
 
   show() {
@@ -109,13 +106,14 @@ class View {
   /** In one sentence. */
   #sentence() {
     const {now, question} = this.message;
-    if (now?.ending) return `${now.title} is being ended: what it has measured is kept. Wait.`;
-    if (question?.kind === 'number' && live.last.rights?.may) return `${now.title} asks for a figure: type it and send it.`;
-    if (question && live.last.rights?.may) return `${now.title} asks: read it, look at the vehicle, then answer.`;
-    if (question) return `${now.title} asks: whoever is in control answers.`;
-    if (now?.phase === 'turning') return `${now.title}: thrusters may turn. Watch the vehicle; STOP or Esc ends it at once.`;
-    if (now?.moves) return `${now.title} is being computed: thrusters stay off until it has asked. Wait.`;
-    if (now) return `${now.title} is being done: thrusters stay off. Wait.`;
+    const title = now?.folder === this.name ? now?.title : `${now?.title} of ${now?.folder}`;
+    if (now?.ending) return `${title} is being ended: what it has measured is kept. Wait.`;
+    if (question?.kind === 'number' && live.last.rights?.may) return `${title} asks for a figure: type it and send it.`;
+    if (question && live.last.rights?.may) return `${title} asks: read it, look at the vehicle, then answer.`;
+    if (question) return `${title} asks: whoever is in control answers.`;
+    if (now?.phase === 'turning') return `${title}: thrusters may turn. Watch the vehicle; STOP or Esc ends it at once.`;
+    if (now?.moves) return `${title} is being computed: thrusters stay off until it has asked. Wait.`;
+    if (now) return `${title} is being done: thrusters stay off. Wait.`;
     if (this.starting) return `${this.starting} is being started: wait.`;
     if (!this.name) return 'Begin a commissioning, or open one to go on where it was left.';
     if (this.error) return this.error;
@@ -218,6 +216,9 @@ class View {
     const again = words && stage.name !== this.data.due ? [make('button', {class: 'action', type: 'button', disabled: !may,
       onclick: () => this.start(stage)}, words)] : [];
     const open = this.page.querySelector('#commission-asked')?.open;
+    const other = `${stage.name} ${stage.attempts.length} ${Boolean(doing)}`;
+    if (this.page.dataset.shown !== other) this.page.parentElement.scrollTop = 0; // its verdict stands on top
+    this.page.dataset.shown = other;
     const form = make('details', {id: 'commission-asked'}, make('summary', {}, 'What is asked for'),
       formOf(this.data.request, this.name, () => this.read()));
     form.open = Boolean(open);
