@@ -8,6 +8,7 @@ import {live} from '/static/live.js';
 import {showReply} from '/static/page.js';
 
 const order = (op, more = {}) => showReply(live.send({do: 'commission', op, ...more}, LONG));
+const SILENT = 3000; // without a pulse of the console, twice a second, something is wrong [ms]
 const nameOf = () => new URLSearchParams(location.search).get('name');
 const NOTHING = {now: null, question: null, progress: {what: '', share: null, since: 0, began: 0}, lines: [], ended: null, held: false, revision: 0};
 
@@ -19,6 +20,7 @@ class View {
     this.error = '';
     this.chosen = null; // a stage that a hand chose
     this.message = NOTHING;
+    this.heardAt = null; // when the console's pulse came [performance.now]
     this.starting = null; // title of a stage that was ordered and does not run yet
     this.asked = 0; // revision of the checklist that was asked for
     this.had = null; // and of the one that is shown
@@ -107,6 +109,8 @@ class View {
   #sentence() {
     const {now, question} = this.message;
     const title = now?.folder === this.name ? now?.title : `${now?.title} of ${now?.folder}`;
+    const silent = this.heardAt === null ? 0 : performance.now() - this.heardAt;
+    if (silent > SILENT) return `No news from the console for ${Math.round(silent / 1e3)} s: look after the network, and after the vehicle.`;
     if (now?.ending) return `${title} is being ended: what it has measured is kept. Wait.`;
     if (question?.kind === 'number' && live.last.rights?.may) return `${title} asks for a figure: type it and send it.`;
     if (question && live.last.rights?.may) return `${title} asks: read it, look at the vehicle, then answer.`;
@@ -136,6 +140,12 @@ class View {
       ...(due && !now ? [button(`Start ${due.title}`, 'commission-start', () => this.start(due), 'commission-start')] : []),
       ...(held && !now ? [button('Give the vehicle back to the console', 'commission-back', () => order('give_back'))] : []),
       ...(live.last.rights?.may ? [] : [make('span', {class: 'muted'}, 'You are watching; take control above to go on.')]));
+  }
+
+  /** Once a second: what changes without a message. */
+  tick() {
+    this.showTime();
+    this.#showNext();
   }
 
   async start(stage) {
@@ -254,7 +264,8 @@ mount('commission', section => {
     live.on('commission', message => view.take(message)),
     live.on('commission_progress', message => view.progress(message)),
     live.on('rights', () => view.show()),
+    live.on('pulse', () => { view.heardAt = performance.now(); }),
   ];
-  const timer = setInterval(() => view.showTime(), 1000);
+  const timer = setInterval(() => view.tick(), 1000);
   return () => { clearInterval(timer); release.forEach(one => one()); removeEventListener('beforeunload', leave); };
 });
