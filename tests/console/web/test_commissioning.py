@@ -196,7 +196,8 @@ def test_pages_that_come_late_learn_since_when_a_stage_and_what_it_does_go_on(de
         for share in (0.1, 0.2):
             desk._process.coming.append(("progress", ("planning", share)))
             await settled(desk, lambda share=share: hub.sent[-1].get("share") == share)
-        first, second = (one for one in hub.sent if one["kind"] == "commission_progress")
+        anew, first, second = (one for one in hub.sent if one["kind"] == "commission_progress")
+        assert anew["what"] == "starting", "not what the stage before did last"
         assert first["began"] == second["began"] == began < first["since"] == second["since"], "the same goes on"
         desk._process.coming.append(("progress", ("flying", None)))
         await settled(desk, lambda: hub.sent[-1].get("what") == "flying")

@@ -132,6 +132,7 @@ class Commissioning:
         self._now = {key: row[key] for key in ("name", "title", "moves")}
         self._now |= {"folder": folder, "attempts": len(row["attempts"]), "phase": "resting", "ending": False}
         self._changed()
+        self._tell_progress()  # or a page that comes now would get that of the stage before
         self._task = asyncio.create_task(self._attend(process))
 
     async def _hold_vehicle(self) -> None:
@@ -245,7 +246,7 @@ class Commissioning:
             if content[0] != self._progress["what"]:
                 self._doing_since = time.monotonic()
             self._progress = {"what": content[0], "share": content[1]}
-            self._hub.keep({"kind": "commission_progress", **self._progress, **self._times()})
+            self._tell_progress()
         elif kind == "phase" and self._now is not None:
             self._now = self._now | {"phase": content}
             self._tell()
@@ -274,6 +275,9 @@ class Commissioning:
         if turning and now - self._seen_at > ALONE and not process.stopped:
             self._lines.append(f"ended: no page has been in control for {ALONE:g} s")
             self.stop()
+
+    def _tell_progress(self) -> None:
+        self._hub.keep({"kind": "commission_progress", **self._progress, **self._times()})
 
     def _times(self) -> dict[str, float]:
         """Since when the stage goes on, and what it does now, by the clock of the hub's pulse [s]."""
