@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from tests.commission.people import Scripted
 from tests.commission.waterside import Yes
 
 from rovtwin.commission import work as working
@@ -62,7 +63,7 @@ def located(tmp_path):
 def test_positions_that_a_part_measures_are_as_its_file_says(located, beside):
     """Also where they come over an instrument: the locator is on board."""
     assert positions_of(load_vehicle(located), BENCH, beside) is None
-    assert positions_of(load_vehicle("double_blueye"), BENCH, beside)["noise"] == 0.005
+    assert (positions_of(load_vehicle("double_blueye"), BENCH, beside) or {})["noise"] == 0.005
 
 
 def test_motion_capture_takes_the_place_of_a_locator(located):
@@ -87,3 +88,18 @@ def test_positions_at_a_counted_rate_have_an_accuracy(counted):
     rate = positions_of(load_vehicle("double_blueye"), bench)["rate_hz"]
     assert rate == pytest.approx(counted, rel=0.21) or counted < 0.1
     assert 0.0 < _schedule([rate, 100.0])[0] <= _schedule([rate, 50.0])[0] <= 0.02
+
+
+def test_it_is_known_whether_thrusters_may_turn(tmp_path):
+    entered = []
+
+    def run(work):
+        assert work.may_move("May it fly?")
+        work.at_rest()
+        work.person.no = ("again",)
+        assert not work.may_move("May it fly again?")
+        return Outcome()
+
+    request, stages = Request("double_blueye", "twin://"), [Stage("one", "One", "a purpose", "next", True, run)]
+    commission(request, tmp_path / "c", stages, Scripted(), enter=entered.append)
+    assert entered == ["asking", "turning", "resting", "asking", "resting"]

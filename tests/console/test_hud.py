@@ -120,6 +120,17 @@ def test_the_bar_tells_of_a_mission_only_while_one_is_flown(open_views):
     assert reported == {"go": "2/3 · 25 %", "paused": "2/3 · 25 %", "piloted": "none", "idle": "none"}
 
 
+def test_the_bar_tells_whether_thrusters_may_turn_while_a_commissioning_has_the_vehicle(open_views):
+    page = open_views()
+    shown = []
+    for phase in ("asking", "turning", "resting"):
+        told = {"kind": "commission", "now": {"moves": True, "phase": phase}}
+        page.evaluate("async told => { await import('/static/live.js'); window.emit(told); }", told)
+        page.evaluate(BAR, messages.state(stage="lent", armed=False, alerts=[], nis={}, running=True))
+        shown.append([page.inner_text("#fact-link"), page.inner_text("#fact-arm")])
+    assert shown == [["in use", "off"], ["in use", "may turn"], ["in use", "off"]]
+
+
 def test_the_bar_tells_of_every_sensor_of_a_kind(open_views):
     page = open_views()
     two = {"leak": {"age": 0.1, "value": [0.0]}, "leak_2": {"age": 0.1, "value": [1.0]}}

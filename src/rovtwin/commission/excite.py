@@ -164,6 +164,7 @@ class _Excitation:
                 tell=lambda cue: _tell(work, cue),
                 warn=lambda line: work.person.say(f"part {number}: {line}"),
             )
+        work.at_rest()
         return refused[0] if refused else self._judged(flight, number)
 
     def _judged(self, flight: Flight, number: int) -> Check | None:

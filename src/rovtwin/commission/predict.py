@@ -145,6 +145,7 @@ def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | Non
             say=work.person.progress,
             warn=work.person.say,
         )
+    work.at_rest()
     if any(note.verdict == "stop" for note in notes):
         return None, notes
     if flight.figures["reason"] == "not armed":

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rovtwin.commission.dossier import Attempt, Dossier, status
 from rovtwin.commission.request import Request
-from rovtwin.commission.stage import Check, Outcome, Person, Stage
+from rovtwin.commission.stage import Check, Outcome, Person, Phase, Stage
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 
@@ -21,6 +21,7 @@ def commission(
     only: Sequence[str] = (),
     shown: Shown = lambda stage, attempt: None,
     stop_at: Path | None = None,
+    enter: Callable[[Phase], None] = lambda phase: None,
 ) -> Dossier:
     """Work through the stages that are left, until one is a no-go or all are passed.
 
@@ -32,6 +33,7 @@ def commission(
         only: Names of stages to do, again if they are passed; empty: those that are left.
         shown: Called with each page as it is written.
         stop_at: Where the process that holds the vehicle's line makes a socket at which any message stops thrusters.
+        enter: Called with the phase that begins, see `Work`.
 
     Raises:
         ConfigError: The folder or the request cannot be used, or a stage that comes first is missing.
@@ -45,7 +47,7 @@ def commission(
         for number, stage in _due(dossier, stages, only):
             person.say(f"{number}. {stage.title}: {stage.purpose}")
             attempt = dossier.next_attempt(number, stage)
-            outcome = _attempted(stage, Work(dossier, attempt.folder, person, stop_at))
+            outcome = _attempted(stage, Work(dossier, attempt.folder, person, stop_at, enter))
             dossier.end(attempt, outcome)
             shown(stage, dossier.attempts(stage.name)[-1])
             if not outcome.go:

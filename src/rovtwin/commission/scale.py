@@ -258,6 +258,7 @@ def _pulled(work: Work, pull: Pull) -> float | Check:
             lambda: work.may_move(f"Tied, and hands away? May the thrusters pull {way} for {SECONDS:g} s?"),
             lambda t, what: work.person.progress(what, min(t / (RISE + SECONDS), 1.0)),
         )
+    work.at_rest()
     if not flown.spans:
         return Check("stop", pull.direction, f"nothing was pulled: {flown.ended}.", "Repeat this stage.")
     if flown.ended:

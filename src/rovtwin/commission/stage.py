@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+Phase = Literal["asking", "turning", "resting"]  # of thrusters: may they turn, may turn, are off
 Verdict = Literal["ok", "note", "warning", "stop"]
 VERDICTS: tuple[Verdict, ...] = ("ok", "note", "warning", "stop")
 

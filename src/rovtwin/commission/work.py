@@ -1,6 +1,6 @@
 """What a stage works with: the request, the folder of its attempt, the person, and what earlier stages found."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 
 from rovtwin.commission.dossier import Dossier
 from rovtwin.commission.request import Request
-from rovtwin.commission.stage import Person
+from rovtwin.commission.stage import Person, Phase
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.link import Link, Source
 from rovtwin.core.user_files.config import parse
@@ -93,12 +93,15 @@ class Work:
         folder: Of this attempt.
         person: Whoever stands at the water.
         stop_at: Socket that stops the thrusters, past this process, while a line steers; None: there is none.
+        enter: Called with what begins: asking whether thrusters may turn, turning once there is a yes, resting once
+            they are off and what follows is computed only.
     """
 
     dossier: Dossier
     folder: Path
     person: Person
     stop_at: Path | None = None
+    enter: Callable[[Phase], None] = lambda phase: None
 
     @property
     def request(self) -> Request:
@@ -179,4 +182,11 @@ class Work:
 
     def may_move(self, what: str) -> bool:
         """A yes of the person to what moves the vehicle next; asked each time."""
-        return self.person.confirm(what)
+        self.enter("asking")
+        confirmed = self.person.confirm(what)
+        self.enter("turning" if confirmed else "resting")
+        return confirmed
+
+    def at_rest(self) -> None:
+        """What follows is computed only: thrusters are off until `may_move` has a yes again."""
+        self.enter("resting")

@@ -95,7 +95,9 @@ def fly_live(
             "rotation": rotated(simulation.loop.twin.sensors).get("attitude"),
             "position_noise": simulation.position_noise,
         }
+        say("listening to its sensors")
         readiness = listen(mux, simulation.sensor_names, say, clock.speed, **known)
+        say("compiling the autopilot")
         loop = _LiveLoop(simulation, scenario, readiness, link, mux, clock, thrust)
         folder = new_folder(folder)
         metadata = metadata_of(scenario, simulation, folder, thrust)

@@ -19,16 +19,17 @@ def looks(work):
 
 def asks(work):
     """A yes, then a figure; nothing is moved without the yes, which the file `moved` would show."""
-    if not work.person.confirm("May it move? Are all hands away?"):
+    if not work.may_move("May it move? Are all hands away?"):
         return Outcome((Check("stop", "asked", "it was not confirmed.", "Repeat this stage."),))
     (work.folder / "moved").write_text("yes")
+    work.at_rest()
     reading = work.person.number("What does the scale read", "N")
     return Outcome((FOUND,), {"reading": reading}, ("moved",))
 
 
 def flies(work):
     """Moves for a minute, by a loop that ends in order when it is interrupted."""
-    if not work.person.confirm("May it fly?"):
+    if not work.may_move("May it fly?"):
         return Outcome((Check("stop", "asked", "it was not confirmed.", "Repeat this stage."),))
     (work.folder / "log.mcap").write_bytes(b"what was measured")
     with Interrupt() as interrupt:

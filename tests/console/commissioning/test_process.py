@@ -69,7 +69,8 @@ def test_questions_are_asked_and_answers_come_back(folder, started):
     question = until(process, "question")[-1][1]
     assert question["kind"] == "confirm" and "hands away" in question["text"]
     process.answer(question["id"], True)
-    second = until(process, "question")[-1][1]
+    *between, (_, second) = until(process, "question")
+    assert [one for one in between if one[0] == "phase"] == [("phase", "turning"), ("phase", "resting")]
     assert (second["kind"], second["unit"]) == ("number", "N") and second["id"] != question["id"]
     process.answer(second["id"], 12.5)
     assert until(process, "ended")[-1][1] == ("go", "")

@@ -32,7 +32,8 @@ class FakeHub:
     """Pages that are not there; `sent` is what they would be sent."""
 
     def __init__(self):
-        self.others, self.left, self.sent, self.silent, self.refuses = {}, [], [], 0.0, ""
+        self.others, self.sent, self.silent, self.refuses = {}, [], 0.0, ""
+        self.kept = {}
         self.client, self.asked = SimpleNamespace(ask=self._ask, also_stops=None), []
 
     async def _ask(self, do):
@@ -41,9 +42,8 @@ class FakeHub:
             raise LinkError(self.refuses)
 
     def keep(self, message):
+        self.kept[message["kind"]] = message
         self.sent.append(message)
-
-    send = keep
 
     def say(self, level, text):
         self.sent.append({"kind": "event", "level": level, "text": text})
@@ -149,20 +149,61 @@ def test_an_answer_is_that_to_the_question_that_waits(desk, hub):
     ran(story())
 
 
-def test_a_page_that_is_closed_is_a_no_and_so_is_nobody(desk, hub, monkeypatch):
+def test_a_question_waits_for_a_page_that_is_loaded_anew_and_then_it_is_no(desk, hub, monkeypatch):
     async def story():
-        process = await asking(desk, hub)
-        hub.left[0]()
-        assert process.given == [(1, False)] and "closed, or lost" in hub.last["lines"][-1]
         hub.silent = float("inf")
+        process = await asking(desk, hub)
+        await asyncio.sleep(0.1)
+        assert process.given == [] and hub.last["question"], "the page may be back in a second"
+        monkeypatch.setattr(module, "UNANSWERED", 0.0)
+        await settled(desk, lambda: process.given)
+        assert process.given == [(1, False)] and "no page was in control" in hub.last["lines"][-1]
         process.coming.append(("question", QUESTION | {"id": 2, "kind": "number", "unit": "N"}))
         await settled(desk, lambda: len(process.given) > 1)
-        assert process.given[1] == (2, None) and "no page is in control" in hub.last["lines"][-1]
-        assert not process.stopped, "a page that is loaded anew is back soon"
-        monkeypatch.setattr(module, "ALONE", 0.0)
+        assert process.given[1] == (2, None)
+        hub.silent = 50.0  # a page that is hidden for long speaks once a minute
+        process.coming.append(("question", QUESTION | {"id": 3}))
+        await settled(desk, lambda: hub.last["question"])
+        await asyncio.sleep(0.1)
+        assert len(process.given) == 2 and hub.last["question"]["id"] == 3, "somebody may look at it"
+
+    ran(story())
+
+
+def test_what_turns_is_ended_where_nobody_could_press_stop_and_what_computes_is_not(desk, hub, monkeypatch):
+    monkeypatch.setattr(module, "ALONE", 0.0)
+
+    async def story():
+        await desk.do({"op": "start", "folder": "c", "stage": "flies"})
+        process, hub.silent = desk._process, float("inf")
+        for phase in ("asking", "resting"):
+            process.coming.append(("phase", phase))
+            await settled(desk, lambda phase=phase: hub.last["now"]["phase"] == phase)
+            await asyncio.sleep(0.1)
+            assert not process.stopped, "thrusters are off"
+        process.coming.append(("phase", "turning"))
         await settled(desk, lambda: hub.last["now"] is None)
-        assert process.stopped, "nobody could press STOP"
-        hub.left[0]()  # with nothing that waits
+        assert process.stopped and "no page has been in control" in hub.last["lines"][-1]
+
+    ran(story())
+
+
+def test_pages_that_come_late_learn_since_when_a_stage_and_what_it_does_go_on(desk, hub):
+    async def story():
+        await desk.do({"op": "start", "folder": "c", "stage": "computes"})
+        began = hub.last["progress"]["began"]
+        assert hub.last["progress"]["since"] == began
+        for share in (0.1, 0.2):
+            desk._process.coming.append(("progress", ("planning", share)))
+            await settled(desk, lambda share=share: hub.sent[-1].get("share") == share)
+        anew, first, second = (one for one in hub.sent if one["kind"] == "commission_progress")
+        assert anew["what"] == "starting", "not what the stage before did last"
+        assert first["began"] == second["began"] == began < first["since"] == second["since"], "the same goes on"
+        desk._process.coming.append(("progress", ("flying", None)))
+        await settled(desk, lambda: hub.sent[-1].get("what") == "flying")
+        assert hub.sent[-1]["since"] > second["since"] and hub.kept["commission_progress"] == hub.sent[-1]
+        await desk.do({"op": "end"})
+        await settled(desk, lambda: hub.last["now"] is None)
 
     ran(story())
 
@@ -179,7 +220,10 @@ def test_stop_ends_what_moves_and_nothing_else(desk, hub):
         await desk.do({"op": "start", "folder": "c", "stage": "computes"})
         process = desk._process
         assert hub.client.also_stops() is False and not process.stopped and process.nice == module.NICE
+        desk._process.stop = lambda: None  # it does not look whether it shall end
         await desk.do({"op": "end"})
+        assert hub.last["now"]["ending"], "pages say that it was heard"
+        process.stopped = True
         await settled(desk, lambda: hub.last["now"] is None)
         with pytest.raises(RovtwinError, match="no stage"):
             await desk.do({"op": "end"})

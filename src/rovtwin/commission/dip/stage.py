@@ -51,6 +51,7 @@ def run(work: Work) -> Outcome:
             lambda t, what: work.person.progress(what, min(t / seconds, 1.0)),
         )  # fmt: skip
         limits = there.link.limits
+    work.at_rest()
     checks = [
         *_ended(flown, work.request.too_busy),
         *(Check("warning", "commands", f"{one}.", WHOLE) for one in limits),

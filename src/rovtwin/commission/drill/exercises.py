@@ -159,9 +159,10 @@ def flown(
             Pulse(f"pushing in {push.axis}", push.u, PUSH),
             Pulse(exercise.words, None, exercise.watched, event),
         ]
+        seconds = sum(pulse.seconds for pulse in pulses)
         return fly_pulses(
             scenario, link, there.sources, there.clock, work.folder / exercise.name, pulses, _guard(work, model),
-            lambda: work.may_move(question), lambda t, what: work.person.progress(what),
+            lambda: work.may_move(question), lambda t, what: work.person.progress(what, min(t / seconds, 1.0)),
         )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """The checklist of a commissioning as plain data for a page, and what to do next in one sentence."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ from rovtwin.commission.dossier import Attempt, Dossier, status
 from rovtwin.commission.stage import Stage
 from rovtwin.console.commissioning.folders import find
 from rovtwin.console.commissioning.process import STAGES, stages_of
+from rovtwin.console.commissioning.words import of_page
 
 PICTURES = (".png", ".jpg", ".jpeg")
 DEEPEST = 2  # folders in which pictures are looked for
@@ -22,14 +23,17 @@ def checklist(root: Path, name: str, address: str = STAGES) -> dict[str, Any]:
     folder = find(root, name)
     dossier, stages = Dossier.open(folder), stages_of(address)
     rows = status(dossier, stages)
+    titles = {stage.name: stage.title for stage in stages}
     due = next((stage.name for stage, words, _ in rows if words != "passed"), None)
     return {
         "name": name,
         "folder": str(folder),
         "request": dossier.request.to_dict(),
         "due": due,
-        "next": next_step(rows),
-        "stages": [_row(dossier, number, stage, words) for number, (stage, words, _) in enumerate(rows, start=1)],
+        "next": of_page(next_step(rows), titles),
+        "stages": [
+            _row(dossier, number, stage, words, titles) for number, (stage, words, _) in enumerate(rows, start=1)
+        ],
     }
 
 
@@ -49,7 +53,9 @@ def next_step(rows: Sequence[tuple[Stage, str, Attempt | None]]) -> str:
             return f"{stage.title} was cut off, and what it has measured is kept: start it again."
         if words == "out of date":
             return f"The vehicle file, the tank or the link was changed since {stage.title} was passed: start it again."
-        return before if "start" in before else f"{before} Start {stage.title}.".strip()
+        if not before:
+            return f"Start {stage.title}: {stage.purpose}."
+        return before if "start" in before else f"{before} Start {stage.title}."
     return before
 
 
@@ -57,8 +63,8 @@ def _begun_large(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _row(dossier: Dossier, number: int, stage: Stage, words: str) -> dict[str, Any]:
-    attempts = [_attempt(dossier, one) for one in dossier.attempts(stage.name)]
+def _row(dossier: Dossier, number: int, stage: Stage, words: str, titles: Mapping[str, str]) -> dict[str, Any]:
+    attempts = [_attempt(dossier, one, titles) for one in dossier.attempts(stage.name)]
     return {
         "number": number,
         "name": stage.name,
@@ -72,7 +78,7 @@ def _row(dossier: Dossier, number: int, stage: Stage, words: str) -> dict[str, A
     }
 
 
-def _attempt(dossier: Dossier, one: Attempt) -> dict[str, Any]:
+def _attempt(dossier: Dossier, one: Attempt, titles: Mapping[str, str]) -> dict[str, Any]:
     """The page of an attempt, newest figures and files; paths are relative to the commissioning."""
     outcome, place = one.outcome, one.folder.relative_to(dossier.folder).as_posix()
     named = [one.folder / file for file in outcome.files] if outcome else sorted(one.folder.glob("**/log.mcap"))
@@ -84,10 +90,14 @@ def _attempt(dossier: Dossier, one: Attempt) -> dict[str, Any]:
         "state": "cut off" if outcome is None else "go" if outcome.go else "no-go",
         "seconds": 0.0 if outcome is None else outcome.seconds,
         "skipped": "" if outcome is None else outcome.skipped,
-        "checks": outcome.to_dict()["checks"] if outcome else [],
+        "checks": [_check(check, titles) for check in outcome.to_dict()["checks"]] if outcome else [],
         "folder": place,
         "files": [_file(dossier, file) for file in shown],
     }
+
+
+def _check(check: Mapping[str, str], titles: Mapping[str, str]) -> dict[str, str]:
+    return {**check, "text": of_page(check["text"], titles), "fix": of_page(check["fix"], titles)}
 
 
 def _pictures(folder: Path) -> list[Path]:

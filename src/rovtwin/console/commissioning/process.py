@@ -72,7 +72,15 @@ def _done(person: RemotePerson, job: Job) -> tuple[str, str]:
 
     stages = stages_of(job.stages)
     begun = Dossier.open(job.folder)
-    found = commission(begun.request, job.folder, stages, person, only=[job.stage], stop_at=job.stop_at)
+    found = commission(
+        begun.request,
+        job.folder,
+        stages,
+        person,
+        only=[job.stage],
+        stop_at=job.stop_at,
+        enter=lambda phase: person.send("phase", phase),
+    )
     last = found.attempts(job.stage)[-1].outcome
     return "go" if last is not None and last.go else "no-go", ""
 

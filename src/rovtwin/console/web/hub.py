@@ -76,7 +76,6 @@ class Hub:
         line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
         others: Orders that are done elsewhere, by name; only the page in control gives them.
-        left: Called when the page in control was closed, or its network broke.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
@@ -91,7 +90,6 @@ class Hub:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._kept: dict[str, str] = {}
         self.others: dict[str, Callable[[dict[str, Any]], Awaitable[str]]] = {}
-        self.left: list[Callable[[], None]] = []
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -132,8 +130,6 @@ class Hub:
         self._browsers.remove(browser)
         if self.rights.leave(browser.name):
             self.say("warning", f"{browser.name} left, who was in control: the operator watchdog counts")
-            for act in self.left:
-                act()
         self.tell_rights()
 
     @property

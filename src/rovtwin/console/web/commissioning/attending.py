@@ -1,7 +1,8 @@
 """Attends a commissioning: starts its stages, hands their questions to pages and answers back, ends them by STOP.
 
-A question that nobody is there to answer counts as no. A stage that may move the vehicle is ended where no page has
-been in control for a while, since nobody could press STOP.
+A question waits, thrusters off, for a page that was loaded anew or lost its network; where none comes in a minute it
+counts as no. While thrusters may turn, a stage is ended where no page has been in control for a while, since nobody
+could press STOP.
 """
 
 import asyncio
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 
 LOOK = 0.1  # longest wait for a message of a stage, before it is looked who is there [s]
 SILENT = 3.0  # a page that says nothing for so long is away [s]; it says something five times a second
-ALONE = 10.0  # longest time without a page in control while a vehicle may move [s]
+ALONE = 10.0  # longest time without a page in control while thrusters may turn [s]
+UNANSWERED = 60.0  # for which a question waits without a page in control; nothing moves meanwhile [s]
 CLOSING = 5.0  # longest wait for a stage that the console's end ends [s]
 LINES = 60  # that are kept of what a stage says
 PATIENCE = 120.0  # with a checklist that is read: the first one imports all that computes [s]
@@ -52,14 +54,15 @@ class Commissioning:
         self._now: dict[str, Any] | None = None  # the stage that is being done, for pages
         self._question: dict[str, Any] | None = None
         self._progress: dict[str, Any] = {"what": "", "share": None}
+        self._began = self._doing_since = 0.0  # of the stage, and of what it does now [s, monotonic]
         self._lines: deque[str] = deque(maxlen=LINES)
         self._ended: dict[str, Any] | None = None
-        self._seen_at = 0.0  # when a page in control was last there [s, monotonic]
+        self._seen_at = 0.0  # when a page in control last said something [s, monotonic]
+        self._waits_since = 0.0  # when a question came, or a page in control that could answer it was last open
         self._revision = 0  # of what lies in the folders
         self._task: asyncio.Task[None] | None = None
         self._warming: asyncio.Task[None] | None = None
         hub.others["commission"] = self.do
-        hub.left.append(self._left)
         hub.client.also_stops = self.stop
         self._tell()
 
@@ -124,11 +127,12 @@ class Commissioning:
             self._starting = False
         self._process, self._question, self._ended = process, None, None
         self._lines.clear()
-        self._seen_at = time.monotonic()
+        self._seen_at = self._began = self._doing_since = time.monotonic()
         self._progress = {"what": "starting", "share": None}
         self._now = {key: row[key] for key in ("name", "title", "moves")}
-        self._now |= {"folder": folder, "attempts": len(row["attempts"])}
+        self._now |= {"folder": folder, "attempts": len(row["attempts"]), "phase": "resting", "ending": False}
         self._changed()
+        self._tell_progress()  # or a page that comes now would get that of the stage before
         self._task = asyncio.create_task(self._attend(process))
 
     async def _hold_vehicle(self) -> None:
@@ -171,7 +175,7 @@ class Commissioning:
     def _end(self) -> None:
         if self._process is None:
             raise RovtwinError("no stage is being done")
-        self._process.stop()
+        self._stop(self._process)
 
     def _give_back(self) -> None:
         if self._process is not None or self._starting:
@@ -179,23 +183,22 @@ class Commissioning:
         self._hold.give()
         self._tell()
 
-    # STOP, and pages that go
+    # STOP
 
     def stop(self) -> bool:
         """STOP: end a stage that may move the vehicle, at once; whether there is one."""
         moves = self._process is not None and self._now is not None and self._now["moves"]
         if moves and self._process is not None:
-            self._question = None
-            self._process.stop()
+            self._stop(self._process)
         return moves
 
-    def _left(self) -> None:
-        """The page in control was closed, or its network broke: that is no yes."""
-        if self._question is not None:
-            self._decline("the page in control was closed, or lost its connection")
-
-    def _decline(self, why: str) -> None:
-        self._reply(False if self._question and self._question["kind"] == "confirm" else None, why)
+    def _stop(self, process: StageProcess) -> None:
+        """End it; one that computes may take some seconds, and pages say that it was heard."""
+        self._question = None
+        process.stop()
+        if self._now is not None:
+            self._now = self._now | {"ending": True}
+        self._tell()
 
     async def close(self) -> None:
         """End what is being done; the console ends."""
@@ -240,25 +243,45 @@ class Commissioning:
     def _take(self, kind: str, content: Any) -> None:
         """A message of its process."""
         if kind == "progress":
+            if content[0] != self._progress["what"]:
+                self._doing_since = time.monotonic()
             self._progress = {"what": content[0], "share": content[1]}
-            self._hub.send({"kind": "commission_progress", **self._progress})
+            self._tell_progress()
+        elif kind == "phase" and self._now is not None:
+            self._now = self._now | {"phase": content}
+            self._tell()
         elif kind == "say":
             self._lines.append(content)
             self._tell()
         elif kind == "question" and self._process is not None and not self._process.stopped:
-            self._question = content
-            if math.isinf(self._hub.silent):
-                self._decline("no page is in control")
+            self._question, self._waits_since = content, time.monotonic()
             self._tell()
 
     def _mind(self, process: StageProcess) -> None:
-        """End what moves where nobody could press STOP; a page that is loaded anew is back before."""
-        now = time.monotonic()
-        if self._hub.silent < SILENT:
+        """End what turns where nobody could press STOP, and decline what nobody is there to answer.
+
+        A page that is loaded anew is back before. One that is hidden for long speaks too seldom for what turns, but
+        can be looked at, and answers then.
+        """
+        now, silent = time.monotonic(), self._hub.silent
+        if silent < SILENT:
             self._seen_at = now
-        if self._now is not None and self._now["moves"] and now - self._seen_at > ALONE and not process.stopped:
+        if math.isfinite(silent):
+            self._waits_since = now
+        if self._question is not None and now - self._waits_since > UNANSWERED:
+            value = False if self._question["kind"] == "confirm" else None
+            self._reply(value, f"no page was in control for {UNANSWERED:g} s")
+        turning = self._now is not None and self._now["phase"] == "turning"
+        if turning and now - self._seen_at > ALONE and not process.stopped:
             self._lines.append(f"ended: no page has been in control for {ALONE:g} s")
             self.stop()
+
+    def _tell_progress(self) -> None:
+        self._hub.keep({"kind": "commission_progress", **self._progress, **self._times()})
+
+    def _times(self) -> dict[str, float]:
+        """Since when the stage goes on, and what it does now, by the clock of the hub's pulse [s]."""
+        return {"since": self._doing_since, "began": self._began}
 
     def _changed(self) -> None:
         self._revision += 1
@@ -270,7 +293,7 @@ class Commissioning:
                 "kind": "commission",
                 "now": self._now,
                 "question": self._question,
-                "progress": self._progress,
+                "progress": self._progress | self._times(),
                 "lines": list(self._lines),
                 "ended": self._ended,
                 "held": self._hold.is_ours,

@@ -9,6 +9,7 @@ import {help, pressStop, showReply, theme} from '/static/page.js';
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
 const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
+const STAGES = {lent: 'in use'}; // by a commissioning
 const WINDOW = 4;  // over which the speed that is reached is looked at [s]
 const past = []; // {now [ms], t [s], speed} of states in that window
 let question = null; // {who, box}: who asks for control
@@ -120,7 +121,7 @@ function connection(facts) {
 
 function show(facts, state, arm) {
   const ready = state.stage === 'ready' || state.stage === 'replay';
-  facts.link(ready ? state.link : state.stage, ready ? 'ok' : 'warn'); // what is done until then stands below the bar
+  facts.link(ready ? state.link : STAGES[state.stage] ?? state.stage, ready ? 'ok' : 'warn'); // what is done until then stands below the bar
   facts.arm(state.stopped ? 'STOPPED' : state.armed ? 'armed' : state.arming ? 'arming …' : 'off',
     state.stopped ? 'danger' : state.armed ? 'warn' : '');
   const lost = state.stage === 'lost';
@@ -131,7 +132,7 @@ function show(facts, state, arm) {
   const slow = reached(state);
   facts.time(`${clock(state.t)}${asked}${slow ? `, reached ×${slow}` : ''}`, state.running && !slow ? '' : 'warn');
   const stage = state.stage === 'lent' ? live.last.commission?.now : null;
-  if (stage?.moves) facts.arm('may turn', 'warn');
+  if (stage?.phase === 'turning') facts.arm('may turn', 'warn');
   if (state.stage === 'lent') ['phase', 'age', 'battery', 'leak', 'position', 'nis', 'progress'].forEach(id => facts[id]('–'));
   if (!state.eta) return;
   const loud = state.reason === 'operator' ? 'warn' : LOUD[state.phase] || '';  // what you asked for is no alarm

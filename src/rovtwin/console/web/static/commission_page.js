@@ -71,9 +71,13 @@ export function pageOf(name, stage, again, now) {
   const show = i => body.replaceChildren(...attemptOf(name, attempts[i]));
   const head = [make('h2', {}, `${stage.number} ${stage.title} `, chip(now ? 'now' : stage.state)), make('p', {}, `${stage.purpose[0].toUpperCase()}${stage.purpose.slice(1)}`),
     ...(stage.moves ? [make('p', {class: 'muted'}, 'Thrusters may turn in it. It asks first, each time.')] : [])];
-  if (attempts.length) show(0);
+  if (now && attempts.length) {
+    const last = attempts[0]; // or its no-go would look like that of now
+    body.append(make('p', {class: 'muted'}, 'Its page comes when it has ended.'));
+    body.append(make('details', {id: 'commission-before'}, make('summary', {}, `The attempt before: ${last.state}`), ...attemptOf(name, last)));
+  } else if (attempts.length) show(0);
   else body.append(make('p', {class: 'muted'}, now ? 'Its page comes when it has ended.' : 'Not done yet.'));
-  const choose = attempts.length > 1 ? [make('label', {class: 'line'}, 'Attempt ',
+  const choose = attempts.length > 1 && !now ? [make('label', {class: 'line'}, 'Attempt ',
     make('select', {id: 'commission-attempt', onchange: event => show(Number(event.target.value))},
       ...attempts.map((one, i) => make('option', {value: i}, `${one.number} (${one.state})`))))] : [];
   return [...head, make('div', {class: 'line'}, ...choose, ...again), body];
