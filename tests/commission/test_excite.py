@@ -269,4 +269,4 @@ def test_positions_are_as_the_bench_has_measured_them(bench):
     stage = Stage("bench", "", "", "", False, lambda work: Outcome())
     work.dossier.end(work.dossier.next_attempt(2, stage), Outcome(measured={"sensors": [row]}))
     found = work.scenario({}).sensors.by_name["position"]
-    assert (found.noise, found.rate_hz) == pytest.approx((0.4, 0.99))
+    assert (found.noise, found.rate_hz) == pytest.approx((0.4, 1.0)), "a rate is made a round one"
