@@ -73,7 +73,7 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "simulation": [
         {"checks", "noise", "relief", "scene", "vehicle_firmware"},
-        {"battery", "camera", "environment", "events", "mismatch", "roll_out", "sensors", "tether"},
+        {"battery", "camera", "environment", "events", "imager", "mismatch", "roll_out", "sensors", "tether"},
         {"twin"},
     ],
     "report": [
@@ -183,7 +183,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"scoring"},
         {"recording"},
         {"flight"},
-        {"batch", "fly", "smooth", "watch"},
+        {"batch", "fly", "scan", "smooth", "watch"},
     ],
     "live": [
         {"manoeuvres", "readiness"},

@@ -16,10 +16,11 @@ DOWN = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # R_bs of
 
 
 def data(pixels: int = 12, band_count: int = 5, **changed: Any) -> dict[str, Any]:
-    """Of the library's imager with fewer pixels and bands."""
+    """Of the library's imager with fewer pixels and bands, and less light, as these take in more of the spectrum."""
     return (
         imager_as_data(load_imager_file("uhi"))
         | {"pixels": pixels, "bands": {"first": 450.0, "last": 650.0, "count": band_count, "fwhm": 4.0}}
+        | {"optics": {"f_number": 4.8, "focal_length_mm": 9.83, "slit_um": 40.0, "transmission": 0.35}}
         | changed
     )
 

@@ -1,7 +1,10 @@
 """The imager's description and its rays."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 from tests.imaging.helper import DOWN, data, imager
 
 from rovtwin.core.errors import ConfigError
@@ -27,6 +30,12 @@ def test_every_imager_of_the_library_says_where_its_values_come_from():
         assert given <= set(file.sources), f"{name}: no source of {given - set(file.sources)}"
         assert parse(ImagerFile, imager_as_data(file), name) == file
     assert imager_schema()["properties"]["bands"]
+
+
+def test_the_imager_of_the_docs_is_usable():
+    page = (Path(__file__).parents[2] / "docs" / "mapping.md").read_text()
+    shown = parse(ImagerFile, yaml.safe_load(page.split("```yaml\n")[1].split("```")[0]), "docs/mapping.md")
+    assert Imager(shown).rays()[1].shape == (968, 3)
 
 
 def test_its_field_of_view_in_the_water_is_that_of_snell():

@@ -27,11 +27,13 @@ class Mount:
         position: Of its centre of projection, b [m]: the lever arm.
         rotation: R_bs, maps the imager's frame s (x line of sight, y right, z down the image) to b.
         name: Of the vehicle's sensor.
+        imager: Which one the vehicle file says it is, name or file; "" where it does not say.
     """
 
     position: Float[np.ndarray, "3"]
     rotation: Float[np.ndarray, "3 3"]
     name: str = ""
+    imager: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,8 @@ class Imager:
 
     @cached_property
     def widths(self) -> Float[np.ndarray, " band"]:
-        """How much of the spectrum falls on each band's row of the detector [nm]: the way from band to band."""
-        return np.gradient(self.wavelengths)
+        """How much of the spectrum each band takes in [nm]: from band to band, or its response if that is less."""
+        return np.minimum(np.gradient(self.wavelengths), np.sqrt(2.0 * np.pi) * _SIGMA * self.fwhm)
 
     @cached_property
     def lens(self) -> Lens | None:
@@ -152,4 +154,6 @@ def mount_of(vehicle: Vehicle, name: str | None = None) -> Mount:
     if name is not None and name not in names:
         raise ConfigError(f"{vehicle.where}: found no imager '{name}', there is {', '.join(names)}.{near(name, names)}")
     chosen = found[0 if name is None else names.index(name)]
-    return Mount(np.asarray(chosen.position, float), np.asarray(chosen.rotation, float), chosen.name)
+    assert isinstance(chosen.item, Sensor)
+    place = (np.asarray(chosen.position, float), np.asarray(chosen.rotation, float))
+    return Mount(*place, chosen.name, chosen.item.imager or "")
