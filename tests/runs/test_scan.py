@@ -64,7 +64,7 @@ def test_a_file_has_lines_where_the_vehicle_truly_was_over_the_runs_own_floor(ma
     with LinesFile(made.path) as found:
         truth = found.truth
         assert truth is not None and found.shape == (LINES, 12, 5) and found.datum == DATUM
-        assert np.allclose(truth.t, 0.02 + 0.05 * np.arange(LINES)) and np.abs(found.t - truth.t).max() < 2e-3
+        assert np.allclose(truth.t, 0.0125 + 0.05 * np.arange(LINES)) and np.abs(found.t - truth.t).max() < 2e-3
         assert np.allclose(truth.position[:, 0], 0.2 * truth.t, atol=1e-6)
         # The middle pixel looks down: the floor is 0.1 deeper per metre north.
         assert np.abs(truth.floor - (4.6 + 0.1 * truth.position[:, 0])).max() < 0.02
@@ -117,7 +117,7 @@ def test_where_it_truly_sits_is_the_stated_place_and_its_error(run, made, tmp_pa
 def test_lines_of_a_part_of_the_run_are_those_within(run, tmp_path):
     part = scan_run(run, replace(REQUEST, begin=1.0, end=2.0), tmp_path / "l.h5")
     with LinesFile(part.path) as found:
-        assert found.truth and found.truth.t[0] == pytest.approx(1.02) and found.truth.t[-1] <= 1.98 + 1e-9
+        assert found.truth and found.truth.t[0] == pytest.approx(1.0125) and found.truth.t[-1] <= 1.9875 + 1e-9
     with pytest.raises(ConfigError, match="no time for two lines"):
         scan_run(run, replace(REQUEST, begin=3.9), tmp_path / "none.h5")
 

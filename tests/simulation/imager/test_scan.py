@@ -166,9 +166,10 @@ def test_noise_is_that_of_shot_dark_current_read_out_and_rounding():
 
 def test_radiances_come_back_from_counts_by_the_frames():
     model = DetectorModel(imager(), 5)
-    radiance = np.linspace(0.2, 0.8, 60, dtype=np.float32).reshape(12, 5) * 20000 / 0.04 / model.response
+    exposure = model.imager.file.exposure
+    radiance = np.linspace(0.2, 0.8, 60, dtype=np.float32).reshape(12, 5) * 20000 / exposure / model.response
     counts = np.mean([model.counts(radiance.copy(), k).astype(float) for k in range(400)], axis=0)
-    back = (counts - model.dark_frame) / (model.response_frame * 0.04)
+    back = (counts - model.dark_frame) / (model.response_frame * exposure)
     assert np.allclose(back, radiance, rtol=5e-3)
     dark = np.mean([model.counts(np.zeros((12, 5), np.float32), k).astype(float) for k in range(400)], axis=0)
     assert np.abs(dark - model.dark_frame).max() < 5.0 * 1.7 * np.sqrt(1 / 200 + 1 / 400)

@@ -14,6 +14,8 @@ from rovtwin.simulation.scene.schema import BANDS, Cover
 from rovtwin.simulation.scene.surfaces import Material
 
 _SOFT = 0.06  # of the edge of a patch, in units of the noise that makes it
+_GRAIN, _GRAINY = 0.06, 0.12  # finer look of all materials: its coarsest length [m], and how much brightness varies
+_RAGGED = 0.05  # how much that grain frays the edges of patches
 _ROUGH = 0.25  # how much a patch's brightness varies with that noise
 _PER_SEED = (37.7, 91.3)  # way from one seed's piece of the noise to the next, in lengths of the noise
 _BLOCK = 1 << 14  # points at a time, so that one program is compiled
@@ -78,14 +80,15 @@ class Ground:
         found = np.zeros((len(place), len(self.spectra)), np.float32)
         rough = _noise(east, north, look.grain, wide)  # right and up of the texture, as cameras have it
         patch = np.clip(look.patches * np.clip(rough, 0.0, 1.0), 0.0, 1.0)
+        grain = _noise(east, north, _GRAIN, wide)
         gain = np.maximum(1.0 + look.mottle * rough, 0.0)
         found[:, 0], found[:, 1] = gain * (1.0 - patch), gain * patch
         for k, cover in enumerate(self._covers):
             noise = _noise(*_moved(east, north, cover), cover.length, wide)
-            over = _smooth((noise - _level(cover.share)) / _SOFT)
+            over = _smooth((noise + _RAGGED * grain - _level(cover.share)) / _SOFT)
             found[:, : 2 + k] *= (1.0 - over)[:, None]
             found[:, 2 + k] = over * np.maximum(1.0 + _ROUGH * noise, 0.0)
-        return found
+        return found * (1.0 + _GRAINY * grain)[:, None]
 
     def albedo(self, place: Float[np.ndarray, "n 2"], wide: float = 1e-3) -> Float[np.ndarray, "n band"]:
         """Reflectance of the floor at places north and east [m], the truth of a map but for what stands on it."""
