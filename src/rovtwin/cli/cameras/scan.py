@@ -69,7 +69,9 @@ def scan(
     )
     with progress_bar("{task.completed} of {task.total} lines") as bar:
         task = bar.add_task("scan", total=None)
-        found = scan_run(run, request, out, overwrite, lambda done, all: bar.update(task, completed=done, total=all))
+        found = scan_run(
+            run, request, out, overwrite, lambda done, count: bar.update(task, completed=done, total=count)
+        )
     if as_json:
         emit(
             {

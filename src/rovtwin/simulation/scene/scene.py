@@ -128,7 +128,7 @@ class Scene:
         bottom = self.file.bottom
         if bottom is not None and self._uneven:
             assert self.floor is not None
-            size = schema.Relief().size if bottom.relief is None else bottom.relief.size
+            size = schema.Relief.model_validate({}).size if bottom.relief is None else bottom.relief.size
             found.append(seabed(self.floor, size, Material.of(bottom.surface)))
         for item in self.file.objects:
             material, place = Material.of(item.surface), Placement.of(item.pose.position, item.pose.attitude_deg)
