@@ -183,7 +183,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"scoring"},
         {"recording"},
         {"flight"},
-        {"batch", "fly", "scan", "smooth", "watch"},
+        {"batch", "fly", "smooth", "watch"},
     ],
     "live": [
         {"manoeuvres", "readiness"},

@@ -16,7 +16,7 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
 from rovtwin.imaging.lines import LinesFile
 from rovtwin.runs.recording.channels import ETA, ETA_UNITS
-from rovtwin.runs.scan import ScanRequest, scan_run
+from rovtwin.runs.recording.scan import ScanRequest, scan_run
 from rovtwin.scenario.files import dump_scenario, load_scenario
 
 DATUM = Datum(59.0, 5.0, 40.0, "2024-05-01T08:00:00Z")
@@ -144,7 +144,7 @@ def test_a_disk_without_room_is_named_before_the_work(run, tmp_path, monkeypatch
     class Little:
         free = 10_000
 
-    monkeypatch.setattr("rovtwin.runs.scan.shutil.disk_usage", lambda path: Little)
+    monkeypatch.setattr("rovtwin.runs.recording.scan.shutil.disk_usage", lambda path: Little)
     with pytest.raises(ConfigError, match="the disk has 0.0 GB free"):
         scan_run(run, REQUEST, tmp_path / "l.h5")
     assert not list(tmp_path.iterdir())

@@ -48,7 +48,7 @@ def scan(
 
     [bold]rovtwin scan runs/survey --imager uhi --scene shoal -o lines.h5[/bold]
     """
-    from rovtwin.runs.scan import SOURCES, ScanRequest, scan_run
+    from rovtwin.runs.recording.scan import SOURCES, ScanRequest, scan_run
 
     if navigation not in SOURCES:
         raise ConfigError(f"--navigation: found '{navigation}', expected {', '.join(SOURCES)}")
