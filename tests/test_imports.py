@@ -21,13 +21,15 @@ PACKAGE = Path(__file__).parents[1] / "src" / "rovtwin"
 
 SIBLINGS = {"simulation", "identification", "positioning", "gnc", "survey"}
 LEAVES = {"links", "report"}
-LIBRARIES = {"core", "vehicle", "monitoring"} | SIBLINGS | LEAVES
+LIBRARIES = {"core", "vehicle", "imaging", "monitoring"} | SIBLINGS | LEAVES
 # What each package of rovtwin may import, besides itself. A new package gets its line here.
 RULES: dict[str, set[str]] = {
     "_version": set(),
     "core": set(),
     "vehicle": {"core"},
     **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
+    "imaging": {"core", "vehicle"},  # what makes lines and what makes maps of them share
+    "simulation": {"core", "vehicle", "imaging"},
     "identification": {"core", "vehicle", "report"},  # a result draws itself; report knows of no sibling
     "monitoring": {"core", "vehicle", "identification", "gnc"},  # it reads records, and counts in a vehicle's scales
     "scenario": {"core", "vehicle", "gnc", "simulation"},  # it checks what people write by the names that these know
@@ -70,8 +72,8 @@ LAYERS: dict[str, list[set[str]]] = {
         {"autopilot", "experiment"},
     ],
     "simulation": [
-        {"checks", "noise", "scene", "vehicle_firmware"},
-        {"battery", "camera", "environment", "events", "mismatch", "roll_out", "sensors", "tether"},
+        {"checks", "noise", "relief", "scene", "vehicle_firmware"},
+        {"battery", "camera", "environment", "events", "imager", "mismatch", "roll_out", "sensors", "tether"},
         {"twin"},
     ],
     "report": [

@@ -14,7 +14,7 @@ from rovtwin.runs.feasibility.mission import require_feasible
 from rovtwin.runs.fly import fly
 from rovtwin.runs.scoring.contacts import touched
 from rovtwin.scenario.files import load_scenario
-from rovtwin.simulation.environment.relief import Relief
+from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.environment.world import World, walls_of
 from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.physics.dynamics import State

@@ -9,6 +9,7 @@ import typer
 from rovtwin.cli.cameras.calibrate import calibrate
 from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.render import render
+from rovtwin.cli.cameras.scan import scan
 from rovtwin.cli.cameras.track import track
 from rovtwin.cli.commissioning.commission import commission
 from rovtwin.cli.commissioning.verify import verify
@@ -71,6 +72,7 @@ app.command()(compare)
 app.command()(markers)
 app.command()(render)
 app.command()(track)
+app.command()(scan)
 app.command()(smooth)
 app.command()(watch)
 app.command()(calibrate)

@@ -62,6 +62,12 @@ class Datum:
         latitude, longitude, _ = ned2geodetic(north, east, down, self.latitude, self.longitude, self.height)
         return np.asarray(latitude), np.asarray(longitude), self.height - down
 
+    def ecef(self, position: ArrayLike) -> np.ndarray:
+        """Earth-centred, Earth-fixed coordinates (EPSG:4978) of places in n [m], same shape (..., 3)."""
+        from pymap3d import geodetic2ecef
+
+        return np.stack(geodetic2ecef(*self.geodetic(position)), axis=-1)
+
     def position(self, latitude: ArrayLike, longitude: ArrayLike, depth: ArrayLike) -> np.ndarray:
         """Places in n of map coordinates: the inverse of `geodetic`, with the depth in place of the height.
 

@@ -13,11 +13,12 @@ from rovtwin.core.types import PRNGKey
 from rovtwin.scenario.schema import AirySection, ConstantCurrentSection, ShearedCurrentSection, WorldSection
 from rovtwin.simulation.environment.airy import AirySea
 from rovtwin.simulation.environment.current import ConstantCurrent, Current, GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.environment.relief import Relief
 from rovtwin.simulation.environment.sea import SeaState
 from rovtwin.simulation.environment.waves import ThesisWaves
 from rovtwin.simulation.environment.world import World, walls_of
 from rovtwin.simulation.mismatch import drawn, lifted, perturbed
+from rovtwin.simulation.relief import Relief
+from rovtwin.simulation.scene import Scene
 from rovtwin.vehicle import Model, Vehicle
 
 
@@ -76,7 +77,15 @@ def relief_of(world: WorldSection) -> Relief | None:
     if world.relief is None or world.floor is None:
         return None
     waves = [(one.amplitude, one.length, math.radians(one.direction_deg)) for one in world.relief.waves]
-    return Relief.of(world.floor, world.relief.slope, waves)
+    relief, hills = Relief.of(world.floor, world.relief.slope, waves), world.relief.hills
+    return relief if hills is None else relief.with_hills(hills.height, hills.length, hills.seed, hills.size)
+
+
+def on_world_floor(scene: Scene, world: WorldSection) -> Scene:
+    """A scene as a run has it: its bottom has depth and shape of the world's floor, where the world has one."""
+    if world.floor is None:
+        return scene
+    return scene.on_floor(relief_of(world) or Relief.of(world.floor))
 
 
 def _current_of(world: WorldSection) -> Current:

@@ -19,6 +19,7 @@ from rovtwin.core.numerics import jax
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.positioning.calibration.camera_file import as_data
+from rovtwin.runs.compose.world import on_world_floor
 from rovtwin.runs.loop import Record
 from rovtwin.runs.track import LAYOUT
 from rovtwin.scenario.schema import Scenario
@@ -96,7 +97,7 @@ class _Camera:
     ) -> None:
         self._frames = frames(section, scenario.duration, scenario.seed)
         self._next, self._seed = 0, scenario.seed
-        self._renderer = camera_renderer(section, load_scene(section.scene), vehicle)
+        self._renderer = camera_renderer(section, on_world_floor(load_scene(section.scene), scenario.world), vehicle)
         name = self._renderer.camera.name
         stem = folder / name.replace(".", "_")
         lens = self._renderer.camera.lens

@@ -141,13 +141,23 @@ class SandWaveSection(Strict):
     direction_deg: Degrees = Field(default=0.0, description="across the crests, from north")
 
 
+class HillsSection(Strict):
+    """Ripples on hills, made from a seed, as the bottom of a scene has them."""
+
+    height: Positive = Field(default=0.6, description="trough to crest [m]")
+    length: Positive = Field(default=12.0, description="from hill to hill [m]")
+    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+    size: Positive = Field(default=80.0, description="side of the square about the origin in which that holds [m]")
+
+
 class ReliefSection(Strict):
-    """What makes a floor uneven; `floor` is its depth at the origin. Tethers and pictures see a level one."""
+    """What makes a floor uneven; `floor` is its depth at the origin. Cameras and imagers see it so, tethers level."""
 
     slope: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(
         default=[0.0, 0.0], description="metres deeper per metre north and east"
     )
     waves: list[SandWaveSection] = []
+    hills: HillsSection | None = None
 
 
 class MagneticFieldSection(Strict):

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.simulation.camera.water import BACK, Optics
+from rovtwin.imaging.spectra.water import BACK
+from rovtwin.simulation.camera.water import Optics
 from rovtwin.simulation.scene.scene import Scene
 
 MIRROR = 0.661  # cosine of the critical angle of water: rays steeper than this look out of the water

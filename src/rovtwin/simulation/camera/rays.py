@@ -5,11 +5,10 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.vehicle.physics.camera import Lens, Port, lens_from, project, ray
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.vehicle.physics.camera import Lens, Port, lens_from, seen_ray
 
 _ROWS = 64
-_OFF = 0.01  # a ray that comes back further from its pixel than this is none [px]
 
 
 class Rays:
@@ -47,13 +46,7 @@ def _rays(numbers: tuple[float, ...], size: tuple[int, int], port: tuple[float, 
     lens = lens_from(numbers[:2], numbers[2:4], size, numbers[4:], None if port is None else Port.of(*port))
     width, height = size
 
-    def there_and_back(pixels: Float[Array, "rows W 2"]) -> tuple[Float[Array, "rows W 3"], Float[Array, "rows W 3"]]:
-        point, direction = ray(lens, pixels)
-        back = project(lens, point + direction)
-        true = jnp.all(jnp.abs(back - pixels) < _OFF, axis=-1, keepdims=True)
-        return point, jnp.where(true, direction, jnp.nan)
-
-    strip = jax.jit(there_and_back)
+    strip = jax.jit(lambda pixels: seen_ray(lens, pixels))
     points, directions = [], []
     for start in range(0, height, _ROWS):
         rows = jnp.arange(start, start + _ROWS, dtype=float)

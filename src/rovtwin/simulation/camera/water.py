@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.simulation.scene.schema import Water
+from rovtwin.imaging.spectra.water import KIRK, SpectralWater
+from rovtwin.simulation.scene.schema import BANDS, Water
 
 PURE = np.array([0.2224, 0.0565, 0.00922])  # a of pure water [1/m]
 CLEAR = 0.05  # b of a filtered tank [1/m]: an estimate
-BACK = 0.018  # share of b that goes backwards
-_KIRK = 0.256
 # K of downward light [1/m].
 _JERLOV = {
     "I": (0.235, 0.063, 0.019),
@@ -53,12 +52,15 @@ class Optics:
     @classmethod
     def of(cls, water: Water) -> "Optics":
         """As a scene file says it."""
+        if water.constituents is not None:
+            spectral = SpectralWater.of(water.constituents, BANDS)
+            return cls(spectral.absorption, spectral.scattering)
         if water.type == "clear_tank":
             a, b = PURE, np.full(3, CLEAR)
         else:
             K = np.array(_JERLOV[water.type.removeprefix("jerlov_")])
             b = np.full(3, _SCATTERING * (K[1] - PURE[1]))
-            a = np.sqrt((0.5 * _KIRK * b) ** 2 + K**2) - 0.5 * _KIRK * b  # Kirk's formula, solved for a
+            a = np.sqrt((0.5 * KIRK * b) ** 2 + K**2) - 0.5 * KIRK * b  # Kirk's formula, solved for a
         a = a if water.absorption is None else np.array(water.absorption)
         b = b if water.scattering is None else np.array(water.scattering)
         if water.beam_attenuation is not None:
@@ -74,7 +76,7 @@ class Optics:
     def diffuse(self) -> Float[np.ndarray, "3"]:
         """K: what light from above loses with depth."""
         a, b = self.absorption, self.scattering
-        return np.sqrt(a**2 + _KIRK * a * b)
+        return np.sqrt(a**2 + KIRK * a * b)
 
     @property
     def veil(self) -> Float[np.ndarray, "3"]:

@@ -11,9 +11,9 @@ from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.types import Index, PRNGKey, Scalar, Vector2, Vector3
 from rovtwin.simulation.environment.current import Current, Flow
-from rovtwin.simulation.environment.relief import Relief
 from rovtwin.simulation.environment.waves import WaveAction
 from rovtwin.simulation.noise import key_for
+from rovtwin.simulation.relief import Relief
 from rovtwin.vehicle.physics.dynamics import State
 
 

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.markers import Layout, Marker, pattern
 from rovtwin.core.user_files.config import near, parse, read_yaml
+from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.scene import schema
 from rovtwin.simulation.scene.shapes import cylinder, mesh_from_file, seabed, wreck
 from rovtwin.simulation.scene.surfaces import QUIET, SIDES, Material, Mesh, Rectangle, rectangle, side
@@ -30,12 +31,14 @@ class Scene:
         where: File name, for messages.
         folder: What its mesh files are relative to.
         bodies: What else is seen, such as a vehicle from outside.
+        given_floor: The bottom's shape in place of that of the file: that of the world a run is in.
     """
 
     file: schema.SceneFile
     where: str
     folder: Path = Path()
     bodies: tuple[Mesh, ...] = ()
+    given_floor: Relief | None = None
 
     @property
     def name(self) -> str:
@@ -46,7 +49,34 @@ class Scene:
         """Of the water [m]."""
         if self.file.tank is not None:
             return self.file.tank.depth
+        if self.given_floor is not None:
+            return float(self.given_floor.depth)
         return np.inf if self.file.bottom is None else self.file.bottom.depth
+
+    @cached_property
+    def floor(self) -> Relief | None:
+        """The floor's shape, of a tank or a bottom; None where there is none."""
+        if self.given_floor is not None:
+            return self.given_floor
+        bottom = self.file.bottom
+        if self.file.tank is None and bottom is None:
+            return None
+        level = Relief.of(self.depth)
+        if bottom is None or bottom.relief is None:
+            return level
+        relief = bottom.relief
+        return level.with_hills(relief.height, relief.length, relief.seed, relief.size)
+
+    @property
+    def floor_surface(self) -> schema.Surface | None:
+        """How the floor looks; None where there is none."""
+        if self.file.tank is not None:
+            return self.file.tank.floor
+        return None if self.file.bottom is None else self.file.bottom.surface
+
+    def on_floor(self, floor: Relief) -> "Scene":
+        """The same scene with its bottom on the floor of the world that a run is in; a tank keeps its own."""
+        return self if self.file.bottom is None else replace(self, given_floor=floor)
 
     @cached_property
     def layout(self) -> Layout:
@@ -74,19 +104,32 @@ class Scene:
         """All that is flat: walls, boxes, plates, and the markers last."""
         found = [] if self.file.tank is None else _tank(self.file.tank)
         bottom = self.file.bottom
-        if bottom is not None and bottom.relief is None:
-            found.append(_flat_bottom(bottom))
-        for item in self.file.objects:
-            found += _flat(item)
+        if bottom is not None and not self._uneven:
+            found.append(_flat_bottom(self.depth, bottom.surface))
+        return found + self.standing
+
+    @cached_property
+    def standing(self) -> list[Rectangle]:
+        """What is flat and stands on the floor: boxes, plates, and the markers last."""
+        found = [rectangle for item in self.file.objects for rectangle in _flat(item)]
         return found + [_board(marker, bits) for marker, bits in zip(self.layout.markers, self._prints, strict=True)]
+
+    @property
+    def _uneven(self) -> bool:
+        floor = self.given_floor
+        if floor is not None:
+            return floor.ripples is not None or floor.amplitude.size > 0 or bool(np.any(np.asarray(floor.slope)))
+        return self.file.bottom is not None and self.file.bottom.relief is not None
 
     @cached_property
     def meshes(self) -> list[Mesh]:
         """All that is not flat."""
         found = []
         bottom = self.file.bottom
-        if bottom is not None and bottom.relief is not None:
-            found.append(seabed(bottom.depth, bottom.relief, Material.of(bottom.surface)))
+        if bottom is not None and self._uneven:
+            assert self.floor is not None
+            size = schema.Relief.model_validate({}).size if bottom.relief is None else bottom.relief.size
+            found.append(seabed(self.floor, size, Material.of(bottom.surface)))
         for item in self.file.objects:
             material, place = Material.of(item.surface), Placement.of(item.pose.position, item.pose.attitude_deg)
             if item.cylinder is not None:
@@ -163,9 +206,9 @@ def _tank(tank: schema.Tank) -> list[Rectangle]:
     return found
 
 
-def _flat_bottom(bottom: schema.Bottom) -> Rectangle:
-    middle, right, up = np.array([0.0, 0.0, bottom.depth]), np.array([0.0, 400.0, 0.0]), np.array([400.0, 0.0, 0.0])
-    return rectangle(middle, right, up, Placement.of(np.zeros(3)), Material.of(bottom.surface))
+def _flat_bottom(depth: float, surface: schema.Surface) -> Rectangle:
+    middle, right, up = np.array([0.0, 0.0, depth]), np.array([0.0, 400.0, 0.0]), np.array([400.0, 0.0, 0.0])
+    return rectangle(middle, right, up, Placement.of(np.zeros(3)), Material.of(surface))
 
 
 def _flat(item: schema.Object) -> list[Rectangle]:

@@ -2,10 +2,13 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from rovtwin.core.markers import DICTIONARIES, Marker
-from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.user_files.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3, near
+from rovtwin.imaging.spectra.materials import MATERIALS
+from rovtwin.imaging.spectra.water import Constituents
 from rovtwin.vehicle.description.fields import Colour
 from rovtwin.vehicle.description.schema import Cylinder, Pose
 
@@ -15,6 +18,7 @@ WATERS = (
 )
 
 
+BANDS = np.array([600.0, 550.0, 450.0])  # red, green and blue of a camera [nm]
 ThreeBands = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
 
 
@@ -24,6 +28,19 @@ class Surface(Strict):
     colour: Colour = Field([0.8, 0.8, 0.8], description="sRGB, '#rrggbb' or three shares")
     texture: Literal["plain", "tiles", "concrete", "sand", "rust"] = "plain"
     tile: Positive = Field(0.2, description="side of a tile, with texture 'tiles' [m]")
+    material: str | None = Field(
+        None, description=f"whose spectrum it has, instead of one as smooth as its colour: {', '.join(MATERIALS)}"
+    )
+
+    @model_validator(mode="after")
+    def _known(self) -> "Surface":
+        _require_material(self.material)
+        return self
+
+
+def _require_material(name: str | None) -> None:
+    if name is not None and name not in MATERIALS:
+        raise ValueError(f"material: found {name!r}, expected one of {', '.join(MATERIALS)}.{near(name, MATERIALS)}")
 
 
 class Water(Strict):
@@ -35,6 +52,9 @@ class Water(Strict):
     beam_attenuation: Positive | None = Field(
         None, description="c = a + b in green [1/m]: scattering follows, the same in all bands (turbid water)"
     )
+    constituents: Constituents | None = Field(
+        None, description="what is in the water beside water, by which it is known at all wavelengths"
+    )
 
     @model_validator(mode="after")
     def _known(self) -> "Water":
@@ -42,6 +62,9 @@ class Water(Strict):
             raise ValueError(f"type: found {self.type!r}, expected one of {', '.join(WATERS)}")
         if self.scattering is not None and self.beam_attenuation is not None:
             raise ValueError("found scattering and beam_attenuation, expected one of them")
+        others = ("absorption", "scattering", "beam_attenuation")
+        if self.constituents is not None and (also := [key for key in others if getattr(self, key) is not None]):
+            raise ValueError(f"found constituents and {also[0]}, expected one of them")
         return self
 
 
@@ -72,12 +95,27 @@ class Relief(Strict):
     seed: Annotated[int, Field(ge=0, strict=True)] = 1
 
 
+class Cover(Strict):
+    """A material that lies on the bottom in patches, made from a seed; imagers see it, cameras do not."""
+
+    material: str = Field(description=f"one of {', '.join(MATERIALS)}")
+    share: Share = Field(description="of the bottom that it covers")
+    length: Positive = Field(2.0, description="of the largest patches [m]")
+    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+
+    @model_validator(mode="after")
+    def _known(self) -> "Cover":
+        _require_material(self.material)
+        return self
+
+
 class Bottom(Strict):
     """The bottom of open water."""
 
     depth: Positive = Field(description="[m]")
     surface: Surface = Field(default_factory=lambda: Surface.model_validate({"colour": "#b8a888", "texture": "sand"}))
     relief: Relief | None = None
+    cover: list[Cover] = Field([], max_length=8, description="what lies on it, each over those before")
 
 
 class MeshFile(Strict):

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.simulation.scene.schema import Relief, Wreck
+from rovtwin.simulation.relief import Relief, grid_axis
+from rovtwin.simulation.scene.schema import Wreck
 from rovtwin.simulation.scene.surfaces import Material, Mesh
 from rovtwin.vehicle.solids.placement import Placement
 
@@ -82,22 +83,13 @@ def mesh_from_file(path: Path, scale: float, place: Placement, material: Materia
     return placed(scale * np.asarray(loaded.vertices), triangles, place, material, path.stem, smooth=False)
 
 
-def seabed(depth: float, relief: Relief, material: Material) -> Mesh:
-    """Ripples on hills, the same for the same seed; deeper or shallower than `depth` by half the height."""
-    count = int(np.clip(relief.size / 0.25, 8, 320)) + 1
-    x, y = np.meshgrid(*2 * [np.linspace(-0.5 * relief.size, 0.5 * relief.size, count)], indexing="ij")
-    rng = np.random.default_rng(relief.seed)
-    hills = np.zeros_like(x)
-    for octave in range(4):
-        for _ in range(5):
-            heading, phase = rng.uniform(0, 2 * np.pi, 2)
-            number = 2 * np.pi * 2**octave / relief.length
-            hills += 0.5**octave * np.sin(number * (x * np.cos(heading) + y * np.sin(heading)) + phase)
-    hills *= 0.5 * relief.height / np.abs(hills).max()
-    bent = 0.6 * np.sin(0.35 * y + rng.uniform(0, 6)) + 0.3 * np.sin(0.9 * y)
-    ripples = 0.012 * np.sin(2 * np.pi * (x + bent) / 0.75)
-    vertices = np.column_stack([x.ravel(), y.ravel(), (depth + hills + ripples).ravel()])
-    return placed(vertices, grid_triangles(count, count), Placement(np.zeros(3), np.eye(3)), material, "bottom", True)
+def seabed(relief: Relief, size: float, material: Material) -> Mesh:
+    """The floor of a square about the origin, `size` a side [m]."""
+    axis = grid_axis(size)
+    place = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
+    vertices = np.concatenate([place, relief.depth_and_slope(place)[0][..., None]], axis=-1).reshape(-1, 3)
+    triangles = grid_triangles(len(axis), len(axis))
+    return placed(vertices, triangles, Placement(np.zeros(3), np.eye(3)), material, "bottom", True)
 
 
 def wreck(given: Wreck, place: Placement, material: Material, name: str = "") -> Mesh:

@@ -1,11 +1,12 @@
 """What renderers draw: flat rectangles and triangle meshes in n, each with a material."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from rovtwin.simulation.scene.schema import Surface
+from rovtwin.imaging.spectra.materials import reflectance
+from rovtwin.simulation.scene.schema import BANDS, Surface
 from rovtwin.vehicle.solids.placement import Placement
 
 QUIET = 1  # cells of white around a marker's black border, so that it is found on any ground
@@ -25,6 +26,7 @@ class Material:
         tile: Side of a tile [m]; 0: none.
         joint: Width of a joint [m].
         patches: Share of the noise that changes the colour to `second`.
+        spectrum: Name of the material whose spectrum it has; "": as smooth as its colour.
     """
 
     colour: Float[np.ndarray, "3"]
@@ -34,10 +36,18 @@ class Material:
     tile: float = 0.0
     joint: float = 0.0
     patches: float = 0.0
+    spectrum: str = ""
 
     @classmethod
     def of(cls, surface: Surface) -> "Material":
+        """As a scene file says it; a material without a colour of its own has that of its spectrum."""
         colour = linear(np.array(surface.colour))
+        if surface.material is not None and "colour" not in surface.model_fields_set:
+            colour = reflectance(surface.material, BANDS)
+        return replace(cls._textured(surface, colour), spectrum=surface.material or "")
+
+    @classmethod
+    def _textured(cls, surface: Surface, colour: Float[np.ndarray, "3"]) -> "Material":
         match surface.texture:
             case "tiles":
                 return cls(colour, 0.45 * colour, 0.10, 0.9, surface.tile, 0.03 * surface.tile)

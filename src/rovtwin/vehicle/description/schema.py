@@ -203,6 +203,7 @@ class Sensor(SensorFigures):
     accelerometer: SensorFigures | None = Field(None, description="of an imu")
     gyro: SensorFigures | None = Field(None, description="of an imu")
     attitude: SensorFigures | None = Field(None, description="of an imu that computes it; {} for usual figures")
+    imager: str | None = Field(None, description="of an imager: its description, a name of the library or a file")
     source: Source = None
 
     @model_validator(mode="after")
@@ -215,6 +216,8 @@ class Sensor(SensorFigures):
             raise ValueError(f"found {own[0]} of an imu, expected accelerometer: {{{own[0]}: ..}} or gyro: {{..}}")
         for kind, figures in ((self.kind, self), *((key, getattr(self, key)) for key in units)):
             _require_axes(kind, figures)
+        if self.imager is not None and self.kind != "imager":
+            raise ValueError(f"found imager: {self.imager} of a sensor of kind {self.kind}, expected it of an imager")
         if self.errors is not None and self.kind != "position":
             raise ValueError(f"found errors: {self.errors} of a sensor of kind {self.kind}, expected it of a position")
         if self.min_range is not None and self.max_range is not None and self.min_range >= self.max_range:
@@ -223,7 +226,7 @@ class Sensor(SensorFigures):
         return self
 
 
-SENSOR_FIGURES = (*SensorFigures.model_fields, "accelerometer", "gyro", "attitude")
+SENSOR_FIGURES = (*SensorFigures.model_fields, "accelerometer", "gyro", "attitude", "imager")
 
 
 class Battery(Strict):

@@ -16,6 +16,7 @@ from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.core.types import Index, Scalar, Vector2
 
 WATER, GLASS = 1.333, 1.49  # refractive indices: fresh water at 20 deg C, acrylic
+_OFF = 0.01  # a ray that comes back further from its pixel than this is none [px]
 _NEWTON = 12  # steps to invert distortion and to find the way through a port; each converges quadratically
 
 # A camera's device frame (x forward, y right, z down) from its image frame (x right, y down, z forward).
@@ -135,12 +136,20 @@ def ray(lens: Lens, pixel: Float[Array, "*axes 2"]) -> tuple[Float[Array, "*axes
 
     The point is the centre of projection, or with a port where the ray enters the water.
     """
-    xy = undistort(lens, (pixel - lens.principal) / lens.focal)
+    return refracted(lens.port, undistort(lens, (pixel - lens.principal) / lens.focal))
+
+
+def refracted(
+    port: Port | None, xy: Float[Array, "*axes 2"]
+) -> tuple[Float[Array, "*axes 3"], Float[Array, "*axes 3"]]:
+    """A ray behind the port, by its tangents to the right and down, as it goes on in the water: point [m], direction.
+
+    The point is the centre of projection, or with a port where the ray enters the water.
+    """
     straight = jnp.concatenate([xy, jnp.ones((*xy.shape[:-1], 1))], axis=-1)
-    if lens.port is None:
+    if port is None:
         direction = straight / jnp.linalg.norm(straight, axis=-1, keepdims=True)
         return jnp.zeros_like(direction), direction
-    port = lens.port
     tangent = jnp.sqrt(jnp.sum(xy**2, axis=-1, keepdims=True) + 1e-30)
     sine = tangent / jnp.sqrt(1 + tangent**2)  # Snell: the same in every medium times its index
     in_glass = sine / jnp.sqrt(port.glass**2 - sine**2)
@@ -150,6 +159,14 @@ def ray(lens: Lens, pixel: Float[Array, "*axes 2"]) -> tuple[Float[Array, "*axes
     point = jnp.concatenate([(port.distance * tangent + port.thickness * in_glass) * outward, depth], axis=-1)
     direction = jnp.concatenate([in_water * outward, jnp.ones_like(tangent)], axis=-1)
     return point, direction / jnp.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def seen_ray(lens: Lens, pixel: Float[Array, "*axes 2"]) -> tuple[Float[Array, "*axes 3"], Float[Array, "*axes 3"]]:
+    """As `ray`; no number for the direction where the lens's model leads no ray to a pixel."""
+    point, direction = ray(lens, pixel)
+    back = project(lens, point + direction)
+    true = jnp.all(jnp.abs(back - pixel) < _OFF, axis=-1, keepdims=True)
+    return point, jnp.where(true, direction, jnp.nan)
 
 
 def _through(port: Port, radius: Float[Array, "*axes"], z: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
