@@ -184,6 +184,14 @@ def in_one_piece(function: Callable[..., Any], quickly: bool = False, **options:
 
 
 __all__ = [
-    *("Array", "as_array", "cache_folder", "in_one_piece", "jax", "jit_once", "jnp", "module_for"),
-    *("shapes_in_one_piece", "unoptimised"),
+    "Array",
+    "as_array",
+    "cache_folder",
+    "in_one_piece",
+    "jax",
+    "jit_once",
+    "jnp",
+    "module_for",
+    "shapes_in_one_piece",
+    "unoptimised",
 ]
