@@ -346,7 +346,7 @@ def test_all_stages_stand_on_a_small_laptop(opened, views_page):
         page.set_viewport_size({"width": 900, "height": 600})
 
 
-def test_a_console_that_is_not_heard_any_more_is_named(opened):
+def test_a_console_that_is_silent_is_named(opened):
     page = opened("?name=c")
     page.get_by_role("button", name="Start Dip").wait_for()
     page.evaluate("window.emit({kind: 'pulse', at: 10})")

@@ -124,8 +124,8 @@ def test_the_bar_tells_whether_thrusters_may_turn_while_a_commissioning_has_the_
     page = open_views()
     shown = []
     for phase in ("asking", "turning", "resting"):
-        told = {"kind": "commission", "now": {"moves": True, "phase": phase}}
-        page.evaluate("async told => { await import('/static/live.js'); window.emit(told); }", told)
+        message = {"kind": "commission", "now": {"moves": True, "phase": phase}}
+        page.evaluate("async message => { await import('/static/live.js'); window.emit(message); }", message)
         page.evaluate(BAR, messages.state(stage="lent", armed=False, alerts=[], nis={}, running=True))
         shown.append([page.inner_text("#fact-link"), page.inner_text("#fact-arm")])
     assert shown == [["in use", "off"], ["in use", "may turn"], ["in use", "off"]]

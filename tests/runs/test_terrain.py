@@ -14,8 +14,8 @@ from rovtwin.runs.feasibility.mission import require_feasible
 from rovtwin.runs.fly import fly
 from rovtwin.runs.scoring.contacts import touched
 from rovtwin.scenario.files import load_scenario
-from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.environment.world import World, walls_of
+from rovtwin.simulation.relief import Relief
 from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.physics.dynamics import State
 from rovtwin.vehicle.physics.measurement import range_to_floor

@@ -20,7 +20,7 @@ class View {
     this.error = '';
     this.chosen = null; // a stage that a hand chose
     this.message = NOTHING;
-    this.heardAt = null; // when the console's pulse came [performance.now]
+    this.receivedAt = null; // when the console's pulse came [performance.now]
     this.starting = null; // title of a stage that was ordered and does not run yet
     this.asked = 0; // revision of the checklist that was asked for
     this.had = null; // and of the one that is shown
@@ -109,7 +109,7 @@ class View {
   #sentence() {
     const {now, question} = this.message;
     const title = now?.folder === this.name ? now?.title : `${now?.title} of ${now?.folder}`;
-    const silent = this.heardAt === null ? 0 : performance.now() - this.heardAt;
+    const silent = this.receivedAt === null ? 0 : performance.now() - this.receivedAt;
     if (silent > SILENT) return `No news from the console for ${Math.round(silent / 1e3)} s: look after the network, and after the vehicle.`;
     if (now?.ending) return `${title} is being ended: what it has measured is kept. Wait.`;
     if (question?.kind === 'number' && live.last.rights?.may) return `${title} asks for a figure: type it and send it.`;
@@ -264,7 +264,7 @@ mount('commission', section => {
     live.on('commission', message => view.take(message)),
     live.on('commission_progress', message => view.progress(message)),
     live.on('rights', () => view.show()),
-    live.on('pulse', () => { view.heardAt = performance.now(); }),
+    live.on('pulse', () => { view.receivedAt = performance.now(); }),
   ];
   const timer = setInterval(() => view.tick(), 1000);
   return () => { clearInterval(timer); release.forEach(one => one()); removeEventListener('beforeunload', leave); };
