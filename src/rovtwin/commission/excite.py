@@ -190,7 +190,7 @@ class _Excitation:
         work, rows = self.work, [] if found is None else intervals(found, self.anchors)
         axes = pushed(work.vehicle.model())
         for row in rows:
-            turns = "" if row["axis"] in axes else "; told by turns: no thruster pushes there"
+            turns = "" if row["axis"] in axes else "; known from turns: no thruster pushes there"
             self.checks.append(Check("note", f"damping in {row['axis']}", _row_in_words(row) + turns))
         if not flown.records:
             self.checks.append(Check("stop", "parts", "nothing was flown that can be used", "Repeat this stage."))

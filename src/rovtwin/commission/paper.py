@@ -90,7 +90,7 @@ def _directions(model: Model) -> Iterator[Check]:
     """Which axes no thruster pushes: nothing of them is identified by pushing."""
     able = ExperimentScales.of(model).able
     if lacking := [axis for axis, can in zip(AXES, able, strict=True) if not can]:
-        text = f"no thruster pushes in {', '.join(lacking)}: damping there is told by motion in turns only, if at all"
+        text = f"no thruster pushes in {', '.join(lacking)}: damping there is known from turns only, if at all"
         yield Check("note", "directions", text)
 
 

@@ -20,7 +20,7 @@ def test_a_vehicle_that_is_level_reads_zero_without_a_sign(monkeypatch):
 def test_an_axis_that_no_thruster_pushes_is_named():
     row = {"speed": 0.3, "force": 3.0, "half_width_share": 0.04, "interval_95": [2.9, 3.1], "unit": "N"}
     rows = [row | {"axis": "surge"}, row | {"axis": "sway"}, row | {"axis": "sway", "speed": -0.3}]
-    assert "No thruster pushes sway: told by drift" in first_page.damping(rows, 0.05, ["surge", "yaw"]).note
+    assert "No thruster pushes sway: known from drift" in first_page.damping(rows, 0.05, ["surge", "yaw"]).note
     assert first_page.damping(rows, 0.05, ["surge", "sway"]).note == ""
 
 

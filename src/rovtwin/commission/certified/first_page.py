@@ -116,7 +116,7 @@ def damping(rows: Sequence[Mapping[str, Any]], asked: float, pushed: Sequence[st
         cells.append([text(one.get("axis")), speed, f"{number(force)} {unit}", between(ends), width])
     notes = [f"{wide} wider than the ±{100 * asked:g} % that was asked for."] if wide else []
     if drifts := list(dict.fromkeys(text(one.get("axis")) for one in rows if one.get("axis") not in pushed)):
-        notes.append(f"No thruster pushes {' and '.join(drifts)}: told by drift in turns.")
+        notes.append(f"No thruster pushes {' and '.join(drifts)}: known from drift in turns.")
     if more := len(rows) - len(cells):
         notes.append(APPENDIX.format(more))
     return Table(title, ["Axis", "Speed", "Force", "95 % interval", ""], cells, " ".join(notes))

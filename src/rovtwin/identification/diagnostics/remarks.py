@@ -101,7 +101,7 @@ def about_delays(
         return []
     fix = "it is estimated and taken out here, but no autopilot knows of it: mend the clock, or the signal's delay"
     return [
-        f"readings are older than the log says, against those of the gyro or what serves as clock: "
+        "readings are older than the log says, against those of the gyro or what serves as clock: "
         f"{', '.join(found)}: {fix}"
     ]
 

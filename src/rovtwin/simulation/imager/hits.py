@@ -14,12 +14,12 @@ _LIES = 1e-4  # how far what lies on something may be below it [m]
 
 @dataclass(frozen=True)
 class FloorHits:
-    """Where rays come to the floor.
+    """Where rays end.
 
     Attributes:
-        way: Through the water [m]; no number where they miss it.
+        way: Through the water [m]; no number where nothing is met.
         point: n [m].
-        normal: Of the floor there, into the water, n.
+        normal: Of what is met, into the water, n.
     """
 
     way: Float[np.ndarray, "*n"]
@@ -28,20 +28,14 @@ class FloorHits:
 
 
 @dataclass(frozen=True)
-class Hits:
-    """What rays meet first.
+class Hits(FloorHits):
+    """What rays meet first, the floor or what stands on it.
 
     Attributes:
-        way: Through the water [m]; no number where nothing is met.
-        point: n [m].
-        normal: Of what is met, towards the water, n.
         standing: Number of the rectangle that is met, -1 for the floor.
         printed: Share 0 or 1 of its second spectrum: what is black of a marker.
     """
 
-    way: Float[np.ndarray, "*n"]
-    point: Float[np.ndarray, "*n 3"]
-    normal: Float[np.ndarray, "*n 3"]
     standing: Int[np.ndarray, "*n"]
     printed: Float[np.ndarray, "*n"]
 
