@@ -85,7 +85,7 @@ def _unknown(outcomes: Mapping[str, Outcome], not_derived: str) -> Iterator[tupl
     parameters = mappings(measured(outcomes, "identify").get("parameters"))
     if left := [str(one.get("name")) for one in parameters if one.get("verdict") == "prior only"]:
         names = ", ".join(left[:NAMED]) + (f" and {len(left) - NAMED} more" if len(left) > NAMED else "")
-        yield "parameters", f"{len(left)} of {len(parameters)} stay as predicted, as no test tells anything of them: {names}"
+        yield "parameters", f"{len(left)} of {len(parameters)} stay as predicted, no test tells of them: {names}"
     if against := [str(one.get("name")) for one in parameters if one.get("verdict") == "contradicted"]:
         names = ", ".join(against[:NAMED]) + (f" and {len(against) - NAMED} more" if len(against) > NAMED else "")
         yield "contradicted", f"tests contradict what was known before, or each other, of {names}"
