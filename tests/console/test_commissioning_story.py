@@ -52,7 +52,8 @@ def test_a_commissioning_goes_as_far_as_a_no(browser, served):
         assert "not flown from here" in page.inner_text("#alerts")
         page.get_by_role("button", name="Start Dip").click()
         page.get_by_role("alertdialog").get_by_role("button", name="Yes").wait_for(timeout=LONG)
-        page.reload()  # which closes the page that was in control
+        page.reload()  # the question waits for it, and nothing moves
+        page.get_by_role("alertdialog").get_by_role("button", name="No").click(timeout=LONG)
         until(page, "window.rovtwin?.last?.commission?.ended?.how === 'no-go'")
         (attempt,) = Dossier.open(served.folder / "runs" / "first").attempts("dip")
         assert "not confirmed" in attempt.outcome.reasons[0]
