@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -33,6 +34,16 @@ class Served:
 
         self.loop.call_soon_threadsafe(run)
         assert done.wait(5), "the server's loop is blocked"
+
+
+def wait_for(true: Callable[[], object], seconds: float = 5.0) -> bool:
+    """Whether it becomes true in time (real)."""
+    end = time.monotonic() + seconds
+    while not true():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.005)
+    return True
 
 
 @contextmanager

@@ -6,8 +6,8 @@ from unittest.mock import patch
 
 import blueye.protocol as bp
 import numpy as np
-from tests.links.blueye.vehicle import wait_for, wait_for_farewells
-from tests.links.serving import serving
+from tests.links.blueye.vehicle import wait_for_farewells
+from tests.links.serving import serving, wait_for
 
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye.double import DoubleBlueyeLink

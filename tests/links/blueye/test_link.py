@@ -16,8 +16,8 @@ import blueye.protocol as bp
 import numpy as np
 import pytest
 from blueye.sdk import Drone
-from tests.links.blueye.vehicle import TRUTH, Feeder, wait_for, wait_for_farewells
-from tests.links.serving import Served, serving
+from tests.links.blueye.vehicle import TRUTH, Feeder, wait_for_farewells
+from tests.links.serving import Served, serving, wait_for
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout

@@ -17,8 +17,8 @@ import zmq
 from blueye.sdk import Drone
 from blueye.sdk.logs import LogStream
 from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
-from tests.links.blueye.vehicle import Feeder, wait_for
-from tests.links.serving import Served, serving
+from tests.links.blueye.vehicle import Feeder
+from tests.links.serving import Served, serving, wait_for
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 
 import numpy as np
 from tests.links.serving import Served
@@ -43,16 +42,6 @@ class Feeder:
             self.t = self._k * PERIOD
             self.served.feed(self.t, [r for d in self.served.station.drones for r in readings(self.t, d, **changed)])
             time.sleep(self._pace * PERIOD)
-
-
-def wait_for(true: Callable[[], object], seconds: float = 5.0) -> bool:
-    """Whether it becomes true in time (real)."""
-    end = time.monotonic() + seconds
-    while not true():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.005)
-    return True
 
 
 def wait_for_farewells() -> None:
