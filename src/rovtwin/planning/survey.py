@@ -7,35 +7,36 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.user_files.config import parse
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
+from rovtwin.planning.survey_imaging import Imaging, imaging_of
 from rovtwin.planning.survey_request import SurveyRequest, refuse_doubles
+from rovtwin.planning.survey_scenario import scenario_of
 from rovtwin.report.plans.survey import SurveyPicture, draw_survey
 from rovtwin.runs.compose.fitting import own_values
 from rovtwin.runs.compose.sensors import measures
 from rovtwin.runs.limits import Limits
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.mission import LONGEST
-from rovtwin.survey.area import read_area
+from rovtwin.survey.area import Area, read_area
+from rovtwin.survey.crosshatch import crosshatched
 from rovtwin.survey.energy import Budget, budget
+from rovtwin.survey.fill import plan_fill, read_gaps
 from rovtwin.survey.offset import corners_of_co
 from rovtwin.survey.pace import Pace, line_speed
 from rovtwin.survey.plan import SurveyPlan, plan_survey
+from rovtwin.survey.room import Swath
 from rovtwin.vehicle import Model, Vehicle, load_vehicle
 from rovtwin.vehicle.description.totals.assembly import Mounted
 
 MARGIN = 1.5  # between hull and obstacle, in acceptances: twice the cross-track rms of docs/scenarios.md
 SETTLING = 2.0  # at speed before a line, in time constants 1/w of the vehicle's control
 UNNOTICED = 1e-3  # way of an imager from the vehicle's origin [m]
-PATIENCE = 1.5  # share of the planned time after which a flight is given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ class Survey:
         clearance: From holes [m].
         depth: Of the lines [m].
         remarks: What the user should know before flying it.
+        imaging: Of the imager; None where only a swath is known.
     """
 
     request: SurveyRequest
@@ -59,13 +61,15 @@ class Survey:
     clearance: float
     depth: float
     remarks: list[str]
+    imaging: Imaging | None = None
 
     def figures(self) -> dict[str, Any]:
         """Plain numbers, SI, for tables and JSON."""
         plan, share = self.plan, self.budget.share
+        imaging = self.imaging.figures(plan.pace.speed, plan.seeing) if self.imaging else {}
         return {
             "heading_deg": math.degrees(plan.lines.heading),
-            "lines": len(plan.lines.all),
+            "lines": len(plan.all_lines),
             "cells": len(plan.lines.cells),
             "laps": len(plan.room.laps),
             "line_spacing_m": plan.lines.spacing,
@@ -87,7 +91,7 @@ class Survey:
             "propulsion_w": self.budget.propulsion_w,
             "hotel_w": self.budget.hotel_w,
             "remarks": self.remarks,
-        }
+        } | imaging
 
 
 def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda share: None) -> Survey:
@@ -106,34 +110,73 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     model = vehicle.model()
     echoes = measures(base, vehicle, "altimeter")
     depth = _depth(request, base, model, echoes)
+    eye, imaging = _eye(vehicle, request.sees), None
+    if request.mapping is not None:
+        imaging = imaging_of(request.mapping, vehicle, request.sees, *_altitude(request, base, depth))
+    swath = imaging.swath if imaging else request.swath
+    assert swath is not None
     own = own_values(Limits.of(model), request.speed)
     speed = own["speed"] if request.speed is None else request.speed
     if request.speed is None and line_speed(model) > 0.0:
         speed = min(speed, line_speed(model))
-    acceptance = own["acceptance"]
+    usual = speed
+    if request.mapping and request.mapping.square and imaging:
+        speed = imaging.speed()
     pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
-    clearance = _clearance(model, MARGIN * acceptance) if request.clearance is None else request.clearance
+    clearance = _clearance(model, MARGIN * own["acceptance"]) if request.clearance is None else request.clearance
     if not clearance >= 0:
         raise ConfigError(f"clearance: found {clearance:g} m, expected 0 or more")
-    heading = None if request.heading_deg is None else math.radians(request.heading_deg)
-    eye = _eye(vehicle, request.sees)
-    aside = 0.0 if eye is None else float(np.hypot(*eye.position[:2]))
-    room = clearance + aside  # for what sees: its vehicle is beside it
-    plan = plan_survey(area.shape, request.swath, pace, room, heading, request.inside, acceptance, progress)
-    points = plan.path.corners if eye is None or aside < UNNOTICED else corners_of_co(plan.path, eye.position[:2])
+    lever = np.zeros(2) if eye is None else np.asarray(eye.position[:2])
+    if imaging:
+        lever = imaging.footprint.middle  # the lines are those of what it sees
+    room = clearance + float(np.linalg.norm(lever))  # for what sees: its vehicle is beside it
+    plan = _plan(request, area, swath, pace, room, own["acceptance"], progress)
+    moved = eye is not None and float(np.linalg.norm(lever)) >= UNNOTICED
+    points = corners_of_co(plan.path, lever) if moved else plan.path.corners
     legs, turns = pace.times(plan.path.corners)
     # Down from the surface at the lines' speed.
     down = depth / pace.speed
     cost = budget(vehicle, model, speed, float(legs.sum()), float(turns.sum()) + down)
-    scenario = _scenario(request, base, name, plan, points, area.datum, depth, acceptance, bool(cost.names), echoes)
-    remarks = _remarks(plan, cost, clearance)
-    if eye is not None and aside >= UNNOTICED:
-        x, y = eye.position[:2]
+    scenario = scenario_of(
+        request, base, name, plan, points, area.datum, depth, own["acceptance"], bool(cost.names), echoes
+    )
+    remarks = _remarks(plan, cost, clearance) + (imaging.remarks(speed, usual) if imaging else [])
+    if eye is not None and moved:
+        x, y = np.round(lever, 3)
+        where = "whose swath has its middle" if imaging else "which sits"
         remarks.append(
-            f"the lines are those of {eye.name}, which sits {x:g} m ahead and {y:g} m to the right of the vehicle's "
+            f"the lines are those of {eye.name}, {where} {x:g} m ahead and {y:g} m to the right of the vehicle's "
             "origin: way-points are moved by that"
         )
-    return Survey(request, scenario, plan, cost, clearance, depth, remarks)
+    return Survey(request, scenario, plan, cost, clearance, depth, remarks, imaging)
+
+
+def _plan(
+    request: SurveyRequest,
+    area: Area,
+    swath: Swath,
+    pace: Pace,
+    room: float,
+    acceptance: float,
+    progress: Callable[[float], None],
+) -> SurveyPlan:
+    """Over all of the area, or over its gaps."""
+    if request.gaps is not None:
+        gaps = read_gaps(request.gaps, area.datum, area.shape)
+        return plan_fill(area.shape, gaps, swath, pace, room, request.inside, acceptance)
+    heading = None if request.heading_deg is None else math.radians(request.heading_deg)
+    plan = plan_survey(area.shape, swath, pace, room, heading, request.inside, acceptance, progress)
+    if request.mapping and request.mapping.crosshatch:
+        return crosshatched(plan, area.shape, room, acceptance)
+    return plan
+
+
+def _altitude(request: SurveyRequest, base: Scenario, depth: float) -> tuple[float | None, bool]:
+    """Of the vehicle's origin over the floor [m], None where nobody has said how deep that is; whether it was given."""
+    if request.altitude is not None:
+        return request.altitude, True
+    floor = base.world.floor if request.floor is None else request.floor
+    return (None if floor is None else floor - depth), False
 
 
 def _eye(vehicle: Vehicle, name: str | None) -> Mounted | None:
@@ -196,61 +239,6 @@ def _depth(request: SurveyRequest, base: Scenario, model: Model, echoes: bool) -
     return depth
 
 
-def _scenario(
-    request: SurveyRequest,
-    base: Scenario,
-    vehicle: str,
-    plan: SurveyPlan,
-    corners: Float[np.ndarray, "n 2"],
-    datum: Datum,
-    depth: float,
-    acceptance: float,
-    battery: bool,
-    echoes: bool,
-) -> Scenario:
-    points = np.round(corners, 3) + 0.0
-    if len(points) > LONGEST:
-        raise ConfigError(
-            f"area: the survey has {len(points)} way-points, a mission at most {LONGEST}: split the area or take a "
-            "wider swath"
-        )
-    duration = 60.0 * math.ceil((PATIENCE * plan.seconds + 60.0 + depth / plan.pace.speed) / 60.0)
-    if duration > 86_400:
-        raise ConfigError(f"area: the survey takes {plan.seconds / 3600:.1f} h, a run at most 24 h: split the area")
-    # With an altimeter on board the floor is followed, and the depth is what holds where it says nothing.
-    follows = {"altitude": request.altitude} if request.altitude and echoes else {}
-    first = points[1] - points[0]
-    area = pathlib.Path(request.area)
-    data = base.model_dump(mode="json", exclude_defaults=True) | {
-        "name": f"survey_{''.join(c if c.isalnum() else '_' for c in area.stem)}",
-        "description": f"Survey of {area.name}, swath {request.swath.width:g} m, overlap {request.swath.overlap:.0%}",
-        "vehicle": vehicle,
-        "duration": duration,
-        "datum": {"latitude": datum.latitude, "longitude": datum.longitude, "height": datum.height}
-        | {"utc_start": datum.utc_start},
-        "start": {
-            "position": [*points[0].tolist(), min(depth, 0.5)],
-            "heading_deg": round(math.degrees(math.atan2(first[1], first[0])), 1) + 0.0,
-        },
-        "mission": {
-            "name": "survey",
-            "description": f"{len(plan.lines.all)} lines, {len(plan.room.laps)} laps, {plan.length:.0f} m over ground",
-            "waypoints": [
-                {"position": [*point.tolist(), depth], "speed": plan.pace.speed, "acceptance": acceptance} | follows
-                for point in points
-            ],
-        },
-    }
-    data |= {key: getattr(base, key) for key in ("name", "description", "duration") if request.sets(key)}
-    # The thesis's own gains stop short and its reference has no speed (docs/guidance_and_control.md).
-    data.setdefault("autopilot", "model_based")
-    if battery and not request.sets("battery"):
-        data.setdefault("battery", True)
-    if request.floor is not None:
-        data["world"] = data.get("world", {}) | {"floor": request.floor}
-    return parse(Scenario, data, data["name"])
-
-
 def _remarks(plan: SurveyPlan, cost: Budget, clearance: float) -> list[str]:
     """What a user should know before flying."""
     out, half, area = [], 0.5 * plan.room.swath.width, plan.room.area.area
@@ -282,8 +270,8 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
     """
     request, plan = survey.request, survey.plan
     head = [
-        f"# Laid out by rovtwin plan-survey: {pathlib.Path(request.area).name}, swath {request.swath.width:g} m, "
-        f"overlap {request.swath.overlap:g};",
+        f"# Laid out by rovtwin plan-survey: {pathlib.Path(request.area).name}, swath {plan.room.swath.width:.4g} m, "
+        f"overlap {plan.room.swath.overlap:g};",
         f"# lines at {math.degrees(plan.lines.heading):.0f} deg, {plan.length:.0f} m, about {plan.seconds / 60:.0f} "
         f"minutes, {plan.coverage:.1%} of {plan.room.area.area:.0f} m2 seen.",
     ]
