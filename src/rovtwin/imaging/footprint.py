@@ -17,6 +17,7 @@ class Footprint:
     """Of a vehicle that is level but for a roll within what is allowed for.
 
     Attributes:
+        place: Of the imager, ahead and to the right of CO [m].
         height: Of the imager over the floor [m].
         width: Seen across the course at every roll that is allowed for [m].
         middle: Of that, ahead and to the right of CO [m].
@@ -25,6 +26,7 @@ class Footprint:
         along: Length that the slit's image has along the course on the floor, middle pixel [m].
     """
 
+    place: Float[np.ndarray, "2"]
     height: float
     width: float
     middle: Float[np.ndarray, "2"]
@@ -77,6 +79,7 @@ def footprint_of(imager: Imager, mount: Mount, altitude: float, roll: float = 0.
     slit = [_on_floor(imager, mount, altitude, 0.0, across)[middle] for across in (-0.5, 0.5)]
     ahead = float(np.interp(0.5 * (left + right), *level[np.argsort(level[:, 1])][:, ::-1].T))
     return Footprint(
+        np.array(mount.position[:2], float),
         height,
         float(right - left),
         np.array([ahead, 0.5 * (left + right)]),

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.planning.survey_imaging import Imaging, imaging_of
+from rovtwin.planning.survey_place import altitude_of, clearance_of, datum_from, depth_of, eye_of
 from rovtwin.planning.survey_request import SurveyRequest, refuse_doubles
 from rovtwin.planning.survey_scenario import scenario_of
 from rovtwin.report.plans.survey import SurveyPicture, draw_survey
@@ -31,8 +32,7 @@ from rovtwin.survey.offset import corners_of_co
 from rovtwin.survey.pace import Pace, line_speed
 from rovtwin.survey.plan import SurveyPlan, plan_survey
 from rovtwin.survey.room import Swath
-from rovtwin.vehicle import Model, Vehicle, load_vehicle
-from rovtwin.vehicle.description.totals.assembly import Mounted
+from rovtwin.vehicle import Model, load_vehicle
 
 MARGIN = 1.5  # between hull and obstacle, in acceptances: twice the cross-track rms of docs/scenarios.md
 SETTLING = 2.0  # at speed before a line, in time constants 1/w of the vehicle's control
@@ -52,6 +52,7 @@ class Survey:
         depth: Of the lines [m].
         remarks: What the user should know before flying it.
         imaging: Of the imager; None where only a swath is known.
+        around: The area that gaps lie in, where only these are flown; else None.
     """
 
     request: SurveyRequest
@@ -62,6 +63,7 @@ class Survey:
     depth: float
     remarks: list[str]
     imaging: Imaging | None = None
+    around: Any = None
 
     def figures(self) -> dict[str, Any]:
         """Plain numbers, SI, for tables and JSON."""
@@ -102,33 +104,28 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     """
     refuse_doubles(request)
     base = load_scenario(request.scenario, request.overrides)
-    area = read_area(request.area, _datum(request.datum, base))
+    area = read_area(request.area, datum_from(request.datum, base))
     name = request.vehicle or base.vehicle
     if not isinstance(name, str):
         raise ConfigError(f"{request.scenario}: describes its vehicle itself; name one: --vehicle double_blueye")
     vehicle = load_vehicle(name)
     model = vehicle.model()
     echoes = measures(base, vehicle, "altimeter")
-    depth = _depth(request, base, model, echoes)
-    eye, imaging = _eye(vehicle, request.sees), None
+    depth = depth_of(request, base, model, echoes)
+    eye, imaging = eye_of(vehicle, request.sees), None
     if request.mapping is not None:
-        imaging = imaging_of(request.mapping, vehicle, request.sees, *_altitude(request, base, depth))
+        imaging = imaging_of(request.mapping, vehicle, request.sees, *altitude_of(request, base, depth))
     swath = imaging.swath if imaging else request.swath
     assert swath is not None
     own = own_values(Limits.of(model), request.speed)
-    speed = own["speed"] if request.speed is None else request.speed
-    if request.speed is None and line_speed(model) > 0.0:
-        speed = min(speed, line_speed(model))
-    usual = speed
-    if request.mapping and request.mapping.square and imaging:
-        speed = imaging.speed()
+    usual = _usual_speed(request, own["speed"], model)
+    speed = imaging.speed() if imaging and request.mapping and request.mapping.square else usual
     pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
-    clearance = _clearance(model, MARGIN * own["acceptance"]) if request.clearance is None else request.clearance
+    clearance = clearance_of(model, MARGIN * own["acceptance"]) if request.clearance is None else request.clearance
     if not clearance >= 0:
         raise ConfigError(f"clearance: found {clearance:g} m, expected 0 or more")
     lever = np.zeros(2) if eye is None else np.asarray(eye.position[:2])
-    if imaging:
-        lever = imaging.footprint.middle  # the lines are those of what it sees
+    lever = imaging.footprint.middle if imaging else lever  # the lines are those of what it sees
     room = clearance + float(np.linalg.norm(lever))  # for what sees: its vehicle is beside it
     plan = _plan(request, area, swath, pace, room, own["acceptance"], progress)
     moved = eye is not None and float(np.linalg.norm(lever)) >= UNNOTICED
@@ -142,13 +139,26 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     )
     remarks = _remarks(plan, cost, clearance) + (imaging.remarks(speed, usual) if imaging else [])
     if eye is not None and moved:
-        x, y = np.round(lever, 3)
-        where = "whose swath has its middle" if imaging else "which sits"
-        remarks.append(
-            f"the lines are those of {eye.name}, {where} {x:g} m ahead and {y:g} m to the right of the vehicle's "
-            "origin: way-points are moved by that"
-        )
-    return Survey(request, scenario, plan, cost, clearance, depth, remarks, imaging)
+        remarks.append(_moved(eye.name, lever, imaging is not None))
+    around = area.shape if request.gaps is not None else None
+    return Survey(request, scenario, plan, cost, clearance, depth, remarks, imaging, around)
+
+
+def _usual_speed(request: SurveyRequest, own: float, model: Model) -> float:
+    """As asked for, or the vehicle's own as far as half of its thrust reaches it [m/s]."""
+    if request.speed is not None:
+        return request.speed
+    return min(own, line_speed(model)) if line_speed(model) > 0.0 else own
+
+
+def _moved(name: str, lever: Float[np.ndarray, "2"], swath: bool) -> str:
+    """That way-points are not on the lines."""
+    x, y = np.round(lever, 3)
+    where = "whose swath has its middle" if swath else "which sits"
+    return (
+        f"the lines are those of {name}, {where} {x:g} m ahead and {y:g} m to the right of the vehicle's origin: "
+        "way-points are moved by that"
+    )
 
 
 def _plan(
@@ -169,74 +179,6 @@ def _plan(
     if request.mapping and request.mapping.crosshatch:
         return crosshatched(plan, area.shape, room, acceptance)
     return plan
-
-
-def _altitude(request: SurveyRequest, base: Scenario, depth: float) -> tuple[float | None, bool]:
-    """Of the vehicle's origin over the floor [m], None where nobody has said how deep that is; whether it was given."""
-    if request.altitude is not None:
-        return request.altitude, True
-    floor = base.world.floor if request.floor is None else request.floor
-    return (None if floor is None else floor - depth), False
-
-
-def _eye(vehicle: Vehicle, name: str | None) -> Mounted | None:
-    """What sees: the imager or camera of a name, or the first imager; None for the vehicle's origin.
-
-    Raises:
-        ConfigError: There is none of that name.
-    """
-    imagers = [one for one in vehicle.sensors if getattr(one.item, "kind", "") == "imager" and not one.spare]
-    if name is None:
-        return imagers[0] if imagers else None
-    found = {one.name: one for one in (*imagers, *vehicle.cameras)}
-    if name not in found:
-        there = ", ".join(found) or "none"
-        raise ConfigError(f"--sees {name}: {vehicle.name} has no such imager or camera; there are: {there}")
-    return found[name]
-
-
-def _datum(text: str | None, base: Scenario) -> Datum | None:
-    if text is None:
-        return base.origin
-    if text == "auto":
-        return None
-    try:
-        latitude, longitude = (float(piece) for piece in text.split(","))
-    except ValueError:
-        raise ConfigError(f"--datum: found {text!r}, expected latitude,longitude [deg] or auto") from None
-    return Datum(latitude, longitude, base.datum.height, base.datum.utc_start)
-
-
-def _clearance(model: Model, margin: float) -> float:
-    """The hull turns on the spot beside an obstacle: its widest reach, and a margin [m]."""
-    corners = np.asarray(model.hull.corners)
-    return float(np.linalg.norm(corners[:, :2], axis=1).max()) + margin
-
-
-def _depth(request: SurveyRequest, base: Scenario, model: Model, echoes: bool) -> float:
-    """Of the lines [m]; `echoes`: whether an altimeter is on board."""
-    floor = base.world.floor if request.floor is None else request.floor
-    if request.altitude is not None and request.depth is not None and echoes:
-        depth = request.depth  # safe where the altimeter says nothing
-    elif request.altitude is not None:
-        if request.depth is not None:
-            raise ConfigError("--depth and --altitude: found both, expected one (both with an altimeter on board)")
-        if floor is None:
-            raise ConfigError(f"--altitude: {request.scenario} has no floor; say how deep it is: --floor 12")
-        depth = floor - request.altitude
-    else:
-        depth = 3.0 if request.depth is None else request.depth
-    limit = base.autopilot.supervisor.deepest
-    if not 0 <= depth < limit:
-        raise ConfigError(
-            f"--depth: found {depth:g} m, expected from 0 to less than {limit:g} m, the supervisor's limit"
-        )
-    lowest = depth + float(np.asarray(model.hull.corners)[:, 2].max())
-    if floor is not None and lowest >= floor:
-        raise ConfigError(
-            f"--depth: at {depth:g} m the hull reaches down to {lowest:.2f} m, into the floor at {floor:g} m"
-        )
-    return depth
 
 
 def _remarks(plan: SurveyPlan, cost: Budget, clearance: float) -> list[str]:
@@ -298,5 +240,6 @@ def survey_picture(survey: Survey) -> Figure:
             gaps=plan.gaps,
             points=plan.path.points,
             sees=plan.path.sees,
+            around=survey.around,
         )
     )

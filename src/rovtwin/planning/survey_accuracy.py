@@ -22,7 +22,8 @@ from rovtwin.survey.timeline import Timeline
 
 OWN = (*CONSTANTS, "roll", "pitch", "yaw", "clock")  # constants of a map, all but the first of navigation's
 MOST_FRAMES, EVERY = 500, 0.5  # key frames, and the way between them [m]
-MOST_TIES, TIE_EVERY = 300, 0.5  # features, and the way between them [m]
+MOST_TIES, TIE_EVERY = 500, 0.5  # features, and the way between them [m]
+VIEWS = 4  # lines at most that a place is seen from
 CELLS = 60  # along the longer side of the map of sigma
 
 
@@ -129,10 +130,9 @@ class _Rows:
         self.prior[:count, :count] = known.covariance
         self.prior[count:, count:] = np.diag(self.std**2)
 
-    def views(self, places: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "n 2"]:
-        """Key frames that see each place, of two lines at most, the nearer first; -1 for none."""
-        found = np.full((len(places), 2), -1)
-        nearest = np.full((len(places), 2), np.inf)
+    def views(self, places: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "n views"]:
+        """Key frames that see each place, one of each line, the nearest first; -1 for none."""
+        found, nearest = np.full((len(places), VIEWS), -1), np.full((len(places), VIEWS), np.inf)
         reach = 0.75 * max(EVERY, float(np.median(np.linalg.norm(np.diff(self._place, axis=0), axis=1))))
         for number in np.unique(self._line):
             of = np.flatnonzero(self._line == number)
@@ -142,11 +142,10 @@ class _Rows:
             row = np.arange(len(places))
             seen = (np.abs(along[row, frame]) <= reach) & (np.abs(across[row, frame]) <= 0.5 * self._seen.width)
             off = np.where(seen, np.abs(across[row, frame]), np.inf)
-            first = off < nearest[:, 0]
-            second = ~first & (off < nearest[:, 1])
-            nearest[first, 1], found[first, 1] = nearest[first, 0], found[first, 0]
-            nearest[first, 0], found[first, 0] = off[first], of[frame[first]]
-            nearest[second, 1], found[second, 1] = off[second], of[frame[second]]
+            found = np.concatenate([found, np.where(seen, of[frame], -1)[:, None]], axis=1)
+            nearest = np.concatenate([nearest, off[:, None]], axis=1)
+            order = np.argsort(nearest, axis=1, kind="stable")[:, :VIEWS]
+            found, nearest = (np.take_along_axis(table, order, axis=1) for table in (found, nearest))
         return found
 
     @staticmethod
@@ -160,8 +159,8 @@ class _Rows:
         ahead, right = self._seen.middle[0], self._seen.middle[1] + across
         c, s = np.cos(self._heading[frame]), np.sin(self._heading[frame])
         R = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
-        # The ray, from the imager to the floor; it sits over the swath's middle but for a tilt, which is small.
-        ray = np.stack([np.full_like(across, ahead), right, np.full_like(across, self._seen.height)], axis=-1)
+        x, y = self._seen.place
+        ray = np.stack([np.full_like(across, ahead - x), right - y, np.full_like(across, self._seen.height)], axis=-1)
         own = np.zeros((len(frame), 2, len(OWN)))
         own[:, 0, OWN.index("heading")], own[:, 1, OWN.index("heading")] = -right, ahead
         for axis, name in enumerate(("roll", "pitch", "yaw")):
@@ -257,15 +256,15 @@ class _Mosaic:
         return np.maximum(total, 0.0)
 
 
-def _ties(views: Int[np.ndarray, "n 2"], places: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "t 3"]:
-    """Places that two lines see, about `TIE_EVERY` apart, each with its two key frames."""
-    both = np.flatnonzero(views[:, 1] >= 0)
-    every = TIE_EVERY
-    while len(both):
-        squares = np.round(places[both] / every).astype(int)
-        chosen = both[np.unique(squares, axis=0, return_index=True)[1]]
-        if len(chosen) <= MOST_TIES:
-            return np.concatenate([chosen[:, None], views[chosen]], axis=1)
+def _ties(views: Int[np.ndarray, "n views"], places: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "t 3"]:
+    """Places that several lines see, about `TIE_EVERY` apart: rows are (place, key frame, that of another line)."""
+    several, every = np.flatnonzero(views[:, 1] >= 0), TIE_EVERY
+    while len(several):
+        squares = np.round(places[several] / every).astype(int)
+        chosen = several[np.unique(squares, axis=0, return_index=True)[1]]
+        place, other = np.nonzero(views[chosen, 1:] >= 0)
+        if len(place) <= MOST_TIES:
+            return np.stack([chosen[place], views[chosen[place], 0], views[chosen[place], other + 1]], axis=1)
         every *= 1.3
     return np.zeros((0, 3), int)
 

@@ -111,6 +111,6 @@ def mosaic_picture(survey: Survey, sigma: SigmaMap) -> Figure:
     """Sigma over the area, of the place and within the mosaic, as flown and registered."""
     panels = [("Place on Earth", sigma.absolute), ("Within the mosaic", sigma.within)]
     if sigma.registered is not None:
-        panels.append((f"Within it, overlaps registered ({sigma.ties} ties)", sigma.registered))
+        panels.append((f"The same, {sigma.ties} ties registered", sigma.registered))
     plan = survey.plan
     return draw_mosaic(MosaicPicture(sigma.north, sigma.east, panels, plan.room.area, plan.path.points, plan.path.sees))

@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 
 from rovtwin.report.parts.style import BLACK, SMALL, dress, name_panel, new_figure
 
-NUMBERED = 0.6  # of the panel's colour range: lighter cells carry dark lines
-
 
 @dataclass(frozen=True, eq=False)
 class MosaicPicture:
@@ -43,7 +41,7 @@ def draw_mosaic(picture: MosaicPicture) -> Figure:
     across = count if tall > 0.8 else 1
     down = -(-count // across)
     width = 6.9 / across
-    figure = new_figure(height=float(np.clip(down * (0.8 * width * tall + 0.9), 2.8, 10.0)))
+    figure = new_figure(height=float(np.clip(down * (0.72 * width * tall + 1.0), 2.4, 10.0)))
     axes = np.atleast_1d(figure.subplots(down, across, squeeze=False)).ravel()
     for one, (title, sigma) in zip(axes, picture.panels, strict=True):
         _panel(figure, one, picture, extent, title, 1e3 * sigma)
@@ -66,7 +64,7 @@ def _panel(figure: Figure, axes: Any, picture: MosaicPicture, extent: Any, title
     axes.set_aspect("equal", adjustable="box")
     margin = 0.03 * max(extent[1] - extent[0], extent[3] - extent[2])
     axes.set(xlim=(extent[0] - margin, extent[1] + margin), ylim=(extent[2] - margin, extent[3] + margin))
-    name_panel(axes, f"{title}: {np.sqrt(np.nanmean(sigma**2)):.3g} mm rms")
+    name_panel(axes, f"{title}\n{np.sqrt(np.nanmean(sigma**2)):.3g} mm rms")
     bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.02)
     bar.set_label("Sigma [mm]", fontsize=SMALL)
     bar.ax.tick_params(labelsize=SMALL)
