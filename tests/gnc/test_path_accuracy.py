@@ -28,7 +28,7 @@ def conditioned(model, tuning, aids, step, heading, speed, start_std):
     mean, cov = [np.zeros((STATES, 3))], [[_start(tuning, start_std)]]
     H, h, R = [], [], []
     for i in range(n):
-        Phi, Q, rows, noise = local.matrices(float(heading[i]), speed[i] > 0)
+        Phi, Q, rows, noise = local.matrices(float(heading[i]), bool(speed[i] > 0))
         drift, bias = local.constants(float(heading[i]), float(speed[i]), len(noise))
         mean.append(Phi @ mean[-1] + drift)
         cov.append([Phi @ block for block in cov[-1]] + [Phi @ cov[-1][-1] @ Phi.T + Q])

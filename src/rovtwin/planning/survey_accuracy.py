@@ -149,7 +149,8 @@ class _Rows:
         return found
 
     @staticmethod
-    def _split(away: Float[np.ndarray, "n k 2"], heading: Float[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
+    def _split(away: Float[np.ndarray, "... 2"], heading: Float[np.ndarray, "..."]) -> tuple[np.ndarray, np.ndarray]:
+        """Along and across a heading; both broadcast."""
         c, s = np.cos(heading), np.sin(heading)
         return away[..., 0] * c + away[..., 1] * s, -away[..., 0] * s + away[..., 1] * c
 

@@ -104,7 +104,7 @@ def path_accuracy(
     P, V = _start(tuning, start_std), np.zeros((STATES, len(CONSTANTS)))
     forwards = []
     for angle, along in zip(heading, speed, strict=True):
-        Phi, Q, H, noise = local.matrices(float(angle), along > 0.0)
+        Phi, Q, H, noise = local.matrices(float(angle), bool(along > 0.0))
         drift, bias = local.constants(float(angle), float(along), len(noise))
         P_before = Phi @ P @ Phi.T + Q
         V_before = Phi @ V + drift
