@@ -127,7 +127,8 @@ def photos_of_run(
     """
     log, scenario, folder = _read(run)
     datum = _datum(log, scenario, request)
-    camera = camera_named(vehicle_of(scenario), request.camera, request.scale)
+    vehicle = vehicle_of(scenario)
+    camera = camera_named(vehicle, request.camera, request.scale)
     track = track_of(log, folder, request.navigation)
     floor = _floor(scenario, request)
     notes: list[str] = []
@@ -139,7 +140,7 @@ def photos_of_run(
         names, draw = [path.name for path in paths], lambda i, when: paths[i]
     _make(out, overwrite)
     position, R, std = track.at(t)
-    shots = [_shot(camera, scenario, datum, float(t[i]), position[i], R[i], None if std is None else std[i])
+    shots = [_shot(camera, vehicle.name, datum, float(t[i]), position[i], R[i], None if std is None else std[i])
              for i in range(len(t))]  # fmt: skip
     for i, (name, shot) in enumerate(zip(names, shots, strict=True)):
         (out / name).write_bytes(_with_tags(draw(i, float(t[i])), shot, name))
@@ -269,7 +270,7 @@ def _make(out: Path, overwrite: bool) -> None:
 
 def _shot(
     camera: Camera,
-    scenario: Scenario,
+    vehicle: str,
     datum: Datum,
     t: float,
     position: Float[np.ndarray, "3"],
@@ -279,11 +280,10 @@ def _shot(
     eye, R_nc = position + R_nb @ camera.position, R_nb @ camera.R_bc
     latitude, longitude, _ = (float(x) for x in datum.geodetic(eye))
     yaw, pitch, roll = (math.degrees(angle) for angle in picture_angles(R_nc))
-    vehicle = scenario.vehicle if isinstance(scenario.vehicle, str) else scenario.name
     return Shot(
         np.datetime64(str(datum.utc(t)), "ns"), latitude, longitude, -float(eye[2]), yaw, pitch, roll,
         None if std is None else float(np.hypot(std[0], std[1])), None if std is None else float(std[2]),
-        math.degrees(direction_of(R_nc)), focal_in_water(camera.lens), "rovtwin", f"{Path(vehicle).stem} {camera.name}",
+        math.degrees(direction_of(R_nc)), focal_in_water(camera.lens), "rovtwin", f"{vehicle} {camera.name}",
     )  # fmt: skip
 
 
