@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "rovtwin"
 
 SIBLINGS = {"simulation", "identification", "positioning", "gnc", "survey"}
 LEAVES = {"links", "report"}
-LIBRARIES = {"core", "vehicle", "imaging", "monitoring"} | SIBLINGS | LEAVES
+LIBRARIES = {"core", "vehicle", "imaging", "mapping", "monitoring"} | SIBLINGS | LEAVES
 # What each package of rovtwin may import, besides itself. A new package gets its line here.
 RULES: dict[str, set[str]] = {
     "_version": set(),
@@ -30,6 +30,7 @@ RULES: dict[str, set[str]] = {
     **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
     "imaging": {"core", "vehicle"},  # what makes lines and what makes maps of them share
     "simulation": {"core", "vehicle", "imaging"},
+    "mapping": {"core", "vehicle", "imaging"},  # it knows lines, and not who made them
     "identification": {"core", "vehicle", "report"},  # a result draws itself; report knows of no sibling
     "monitoring": {"core", "vehicle", "identification", "gnc"},  # it reads records, and counts in a vehicle's scales
     "scenario": {"core", "vehicle", "gnc", "simulation"},  # it checks what people write by the names that these know

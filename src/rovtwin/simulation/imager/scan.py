@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.imaging.floor import FloorHits, floor_hits
 from rovtwin.imaging.imager import Imager, Mount
+from rovtwin.imaging.path import PosePath
 from rovtwin.imaging.schema import Clock
 from rovtwin.simulation.imager.detector import DetectorModel
 from rovtwin.simulation.imager.ground import Ground
-from rovtwin.simulation.imager.hits import FloorHits, Hits, beside, first_hits, floor_hits
-from rovtwin.simulation.imager.path import PosePath
+from rovtwin.simulation.imager.hits import Hits, beside, first_hits
 from rovtwin.simulation.imager.radiance import Radiometry
 from rovtwin.simulation.scene.scene import Scene
 
