@@ -30,15 +30,15 @@ def ties(flown):
 
 
 def errors(one, joint=None):
-    """Of points all over the mosaic, and what is said of them; after a registration if it is given."""
+    """Of points all over the mosaic, and what is stated of them; after a registration if it is given."""
     t, pixel = one.grid()
-    truth, stated, later = sights(one.truth, t, pixel), one.stated, 0.0
+    truth, where, later = sights(one.truth, t, pixel), one.stated, 0.0
     if joint is not None:
-        mount, later = joint.mounted(stated.mount)
-        stated = Georeference(stated.imager, mount, joint.applied(stated.navigation), stated.floor)
-    seen = sights(stated, t + later, pixel)
-    said = point_uncertainty(one.joint if joint is None else joint, seen)
-    return (seen.point - truth.point)[:, :2], said
+        mount, later = joint.mounted(where.mount)
+        where = Georeference(where.imager, mount, joint.applied(where.navigation), where.floor)
+    seen = sights(where, t + later, pixel)
+    stated = point_uncertainty(one.joint if joint is None else joint, seen)
+    return (seen.point - truth.point)[:, :2], stated
 
 
 def rms(e):
@@ -56,11 +56,11 @@ def test_stated_and_true_errors_agree_before_and_after():
         one = survey(seed)
         found = registered(one, ideal_ties(one.strips, np.random.default_rng(seed + 50)))
         nis.append(found.nis)
-        for e, said, kept in ((*errors(one), before), (*errors(one, found.joint), after)):
-            kept.append(np.mean(np.einsum("mi,mij,mj->m", e, np.linalg.inv(said.absolute), e)))
+        for e, stated, kept in ((*errors(one), before), (*errors(one, found.joint), after)):
+            kept.append(np.mean(np.einsum("mi,mij,mj->m", e, np.linalg.inv(stated.absolute), e)))
             if kept is after:
                 e = e - e.mean(axis=0)
-                within.append(np.mean(np.einsum("mi,mij,mj->m", e, np.linalg.inv(said.within), e)))
+                within.append(np.mean(np.einsum("mi,mij,mj->m", e, np.linalg.inv(stated.within), e)))
     assert 1.2 < np.mean(before) < 3.0 and 1.2 < np.mean(after) < 3.0 and 1.2 < np.mean(within) < 3.0
     assert np.mean(nis) == pytest.approx(1.0, abs=0.2)
 
@@ -70,10 +70,10 @@ def test_lines_come_together_and_known_points_bring_the_whole_home(flown, ties):
     alone, _ = errors(flown, registered(flown, ties).joint)
     points = known_points(flown.strips, CORNERS, np.random.default_rng(5))
     assert len(points.t) == 4
-    home, said = errors(flown, registered(flown, ties, points).joint)
+    home, stated = errors(flown, registered(flown, ties, points).joint)
     assert rms(alone - alone.mean(0)) < 0.6 * rms(e - e.mean(0))
     assert rms(home) < 0.5 * rms(alone) and rms(home) < 0.025
-    assert rms(home) == pytest.approx(np.sqrt(np.mean(said.sigma() ** 2)), rel=0.5)
+    assert rms(home) == pytest.approx(np.sqrt(np.mean(stated.sigma() ** 2)), rel=0.5)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2])

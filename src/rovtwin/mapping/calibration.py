@@ -66,7 +66,7 @@ def _finding(name: str, value: float, std: float, prior: float, like: str, multi
     elif multiple > ALIKE and std > LEAST_ALIKE * prior:
         share = np.sqrt(1.0 - multiple**2)
         refused = (
-            f"{share:.0%} of its standard deviation would be left if the others were known: it looks like them, most of "
-            f"all like {like}. Fly at two speeds or heights, or measure {like}"
+            f"{share:.0%} of its standard deviation would be left if the others were known: it looks like them, "
+            f"most of all like {like}. Fly at two speeds or heights, or measure {like}"
         )
     return CalibrationFinding(name, value, std, prior, like, multiple, refused)

@@ -110,7 +110,8 @@ def _at(one: Strip, other: Strip, middle: tuple[int, int], shift: np.ndarray, ho
     correlation, cells = correlations(patch, search, how.whole)
     if not np.isfinite(correlation).any():
         return None
-    peak = np.unravel_index(int(np.nanargmax(correlation)), correlation.shape)
+    row, column = divmod(int(np.nanargmax(correlation)), correlation.shape[1])
+    peak = row, column
     best = float(correlation[peak])
     if best < how.least or _next_peak(correlation, peak, how.apart) > how.distinct * best:
         return None
@@ -161,7 +162,7 @@ def _cut(picture: Float[np.ndarray, "r c"], middle: tuple[int, int], half: int) 
     return found
 
 
-def _next_peak(correlation: Float[np.ndarray, "k k"], peak: tuple[np.intp, ...], apart: int) -> float:
+def _next_peak(correlation: Float[np.ndarray, "k k"], peak: tuple[int, int], apart: int) -> float:
     """Largest correlation farther away than so many cells."""
     i, j = np.indices(correlation.shape)
     far = np.maximum(np.abs(i - peak[0]), np.abs(j - peak[1])) > apart
@@ -170,10 +171,10 @@ def _next_peak(correlation: Float[np.ndarray, "k k"], peak: tuple[np.intp, ...],
 
 
 def _fine(
-    correlation: Float[np.ndarray, "k k"], peak: tuple[np.intp, ...]
+    correlation: Float[np.ndarray, "k k"], peak: tuple[int, int]
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
     """Top of the paraboloid through the nine values about a peak, from it in cells, and its curvature; None: no top."""
-    i, j = int(peak[0]), int(peak[1])
+    i, j = peak
     if not (0 < i < correlation.shape[0] - 1 and 0 < j < correlation.shape[1] - 1):
         return None
     part = correlation[i - 1 : i + 2, j - 1 : j + 2]
@@ -194,8 +195,8 @@ def _when(strip: Strip, at: Float[np.ndarray, "2"], half: int) -> Float[np.ndarr
     i, j = np.rint(at).astype(int)
     near = max(half // 3, 2)
     t, pixel = (_cut(x, (int(i), int(j)), near) for x in (strip.t, strip.pixel))
-    u, v = np.indices(t.shape) - near
-    good = np.isfinite(t)
+    cells, good = np.indices(t.shape) - near, np.isfinite(t)
+    u, v = cells[0], cells[1]
     if good.sum() < 6:
         return np.full(2, np.nan)
     A = np.column_stack([np.ones(good.sum()), u[good] + i - at[0], v[good] + j - at[1]])

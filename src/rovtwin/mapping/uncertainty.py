@@ -69,7 +69,7 @@ def mean_slope(joint: JointErrors, mosaic: Sights) -> Float[np.ndarray, "2 n"]:
     J, count = joint.slopes(mosaic), max(int(mosaic.valid.sum()), 1)
     rows = np.arange(2 * len(mosaic.t))
     pick = csr_array((np.full(len(rows), 1.0 / count), (rows % 2, rows)), shape=(2, len(rows)))
-    return (pick @ J).toarray()
+    return csr_array(pick @ J).toarray()
 
 
 def _own_blocks(J: csr_array, C: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "m 2 2"]:
