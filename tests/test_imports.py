@@ -80,7 +80,7 @@ LAYERS: dict[str, list[set[str]]] = {
     "report": [
         {"flight", "series"},
         {"parts"},
-        {"cameras", "evidence", "identification", "run"},
+        {"cameras", "evidence", "identification", "mapping", "run"},
         {"commission", "plans", "studies", "vehicles"},
     ],
     "links/mavlink": [
@@ -184,7 +184,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"scoring"},
         {"recording"},
         {"flight"},
-        {"batch", "fly", "smooth", "watch"},
+        {"batch", "fly", "mapping", "smooth", "watch"},
     ],
     "live": [
         {"manoeuvres", "readiness"},

@@ -14,7 +14,7 @@ from rovtwin.imaging.spectra.light import lamp_exponent
 from rovtwin.simulation.imager.detector import DetectorModel
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.imager.hits import Hits
-from rovtwin.simulation.imager.radiance import Radiometry
+from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.imager.scan import BLOCK
 from rovtwin.simulation.scene import load_scene, scene_from_dict
 
@@ -94,7 +94,7 @@ def test_nothing_is_seen_of_a_floor_that_is_too_deep():
 def lit(scene, albedo: float, height: float = 1.5, **given):
     """Radiance of a line over a level floor, and its hits; the imager at the origin, looking down."""
     small = imager(**given)
-    model = Radiometry(small, scene, 12.0)
+    model = radiometry_of(small, scene.file, 12.0)
     point, direction = (x @ DOWN.T for x in small.rays())
     way = (height - point[:, 2]) / direction[:, 2]
     at = point + way[:, None] * direction

@@ -30,7 +30,7 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.imager.scan import BLOCK, LONGEST, Scan
 from rovtwin.simulation.scene import Scene, list_scenes, load_scene
 
-_FORMAT = 1  # of what the lines are made of: a change of the model that changes them raises it
+_FORMAT = 2  # of what the lines are made of: a change of the model that changes them raises it
 _ROOM = 2.1  # of the file's size that the disk must have free: it is put together from lines kept beside it
 
 
