@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
+from rovtwin.mapping.alignment.sights import sights
+from rovtwin.mapping.alignment.ties import ControlPoints, Ties
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.sights import sights
-from rovtwin.mapping.ties import ControlPoints, Ties
 
 
 class Strip:

@@ -9,10 +9,10 @@ from tests.mapping.overlaps import Strip
 
 from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.imaging.imager import Imager, Mount
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.sights import CALIBRATION
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.joint import JointErrors
 from rovtwin.mapping.navigation import Navigation
-from rovtwin.mapping.sights import CALIBRATION
 
 LEVER = np.array([0.1, 0.0, 0.11])
 LINES, LENGTH, APART, SPEED, RATE = 4, 6.0, 1.0, 0.2, 8.0
@@ -60,6 +60,7 @@ def course(speeds=(SPEED,)):
 class Survey:
     truth: Georeference
     stated: Georeference
+    keys: KeyFrames
     joint: JointErrors
     strips: list[Strip]
     lines: list[tuple[float, float]]
@@ -94,4 +95,4 @@ def survey(seed=0, std=(0.06, 0.004), phi=0.97, misaligned=(0.0, 0.0, 0.0), prio
     whole = Georeference(wide(), truly, Navigation(t, place, true, source="truth"), Hills())
     joint = JointErrors.of(keys, t[0], t[-1], EXACT if prior is None else prior)
     strips = [Strip(whole, a + 0.2, b - 0.2, 0.5) for a, b in lines]
-    return Survey(whole, Georeference(whole.imager, mount, stated, Hills()), joint, strips, lines)
+    return Survey(whole, Georeference(whole.imager, mount, stated, Hills()), keys, joint, strips, lines)

@@ -7,13 +7,13 @@ from tests.mapping.overlaps import ideal_ties, known_points, with_false
 from tests.mapping.surveys import survey
 
 from rovtwin.core.errors import LogError
-from rovtwin.mapping.calibration import calibration_findings
+from rovtwin.mapping.alignment.calibration import calibration_findings
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.registration import register
+from rovtwin.mapping.alignment.sights import CALIBRATION, sights
+from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
+from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.joint import JointErrors
-from rovtwin.mapping.registration import register
-from rovtwin.mapping.sights import CALIBRATION, sights
-from rovtwin.mapping.ties import ControlPoints, Ties, observe
-from rovtwin.mapping.uncertainty import point_uncertainty
 
 CORNERS = [[0.7, 0.2], [5.3, 0.2], [0.7, 2.8], [5.3, 2.8]]
 ALIGNED = dict.fromkeys(CALIBRATION, 0.0) | {"boresight_roll": 0.03, "boresight_pitch": 0.03, "boresight_yaw": 0.03}

@@ -9,8 +9,8 @@ from tests.mapping.helper import moving
 from tests.mapping.surveys import DOWN, LEVER, Hills, wide
 
 from rovtwin.imaging.imager import Mount
+from rovtwin.mapping.alignment.sights import CALIBRATION, sights
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.sights import CALIBRATION, sights
 
 T, PIXEL = np.array([1.0, 1.4, 2.2, 3.05]), np.array([0.0, 52.5, 105.0, 199.0])
 STEP = 1e-5

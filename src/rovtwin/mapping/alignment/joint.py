@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from rovtwin.core.arrays.key_frames import POSE, KeyFrames
 from rovtwin.core.errors import LogError
 from rovtwin.imaging.imager import Mount
+from rovtwin.mapping.alignment.sights import CALIBRATION, Sights
 from rovtwin.mapping.navigation import Navigation
-from rovtwin.mapping.sights import CALIBRATION, Sights
 
 # Before any overlap is looked at [rad, m, s]: a bracket by hand, a ruler, a computer's clock set by network.
 USUAL_STD = dict(zip(CALIBRATION, (0.0175, 0.0175, 0.0175, 0.01, 0.01, 0.01, 0.02), strict=True))

@@ -7,9 +7,9 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 
 from rovtwin.core.errors import LogError
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.sights import sights
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.joint import JointErrors
-from rovtwin.mapping.sights import sights
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from rovtwin.mapping.strips import Strip
-from rovtwin.mapping.ties import Ties
+from rovtwin.mapping.alignment.strips import Strip
+from rovtwin.mapping.alignment.ties import Ties
 
 
 @dataclass(frozen=True)

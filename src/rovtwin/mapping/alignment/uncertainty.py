@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
 
-from rovtwin.mapping.joint import JointErrors
-from rovtwin.mapping.sights import Sights
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.sights import Sights
 
 _AT_ONCE = 4000  # points
 

@@ -21,8 +21,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
 from rovtwin.core.errors import LogError
-from rovtwin.mapping.joint import JointErrors
-from rovtwin.mapping.ties import Observations
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.ties import Observations
 
 FALSE_ALARM = 1e-4  # of a good measurement, at each trial
 _MOST_FALSE = 0.5  # share beyond which nothing can be said
