@@ -104,7 +104,7 @@ def test_a_plate_is_where_it_lies_to_a_tenth_of_a_cell_and_as_bright_as_it_is(by
     assert size == pytest.approx(SIDE**2, rel=0.06)
     assert np.abs(np.nanmean(inside, axis=0) / 0.5 - 1.0).max() < 0.05
     rows = np.genfromtxt(by_truth.folder / "uncertainty.csv", delimiter=",", names=True)
-    kept = rows["masked_share"] < 0.01
+    kept = rows["masked_share"] < 0.5
     assert kept.sum() >= 3 and np.abs(rows["bias_made"][kept]).max() < 0.03  # the rest is noise of a dark imager
     assert np.nanmedian(by_truth.spectrum(*middle)) == pytest.approx(0.5, rel=0.05)
 
