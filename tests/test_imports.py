@@ -38,7 +38,7 @@ RULES: dict[str, set[str]] = {
     "live": LIBRARIES | {"scenario", "runs"},
     "planning": LIBRARIES | {"scenario", "runs"},
     "testing": LIBRARIES | {"scenario", "runs", "api", "console"},  # contracts for packages of others
-    "demo": LIBRARIES | {"scenario", "runs"},
+    "demo": LIBRARIES | {"scenario", "runs", "planning"},
     "campaign": LIBRARIES | {"scenario", "runs"},
     "console": LIBRARIES | {"scenario", "runs", "live", "planning", "commission"},
     "commission": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},

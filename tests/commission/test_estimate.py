@@ -53,8 +53,14 @@ def test_without_a_log_there_is_nothing_to_estimate(work):
     ],
 )
 def test_a_doubt_stops_and_says_what_would_help(predicted, doubt, fix):
-    checks = list(estimate._about(shown(predicted, doubts=[doubt]), True))
+    checks = list(estimate._about(shown(predicted, doubts=[doubt]), True, "twin://"))
     assert checks[0].verdict == "stop" and doubt in checks[0].text and fix in checks[0].fix
+
+
+@pytest.mark.parametrize(("link", "count"), [("twin://", 0), ("blueye://127.0.0.2", 1)])
+def test_over_a_link_thrusters_are_said_to_include_the_firmware(predicted, link, count):
+    checks = [str(one) for one in estimate._about(shown(predicted), True, link)]
+    assert sum("own firmware" in line for line in checks) == count
 
 
 def test_contradictions_warn_with_both_values(predicted):
@@ -62,7 +68,7 @@ def test_contradictions_warn_with_both_values(predicted):
 
     def warned(low, high):
         result = shown(predicted, verdicts=verdicts, findings=["one remark"], interval=lambda name: (low, high))
-        checks = list(estimate._about(result, True))
+        checks = list(estimate._about(result, True, "twin://"))
         assert ("note", "one remark") in [(check.verdict, check.text) for check in checks]
         (warning,) = [check for check in checks if check.verdict == "warning"]
         assert warning.what == p.name and " to " in warning.text

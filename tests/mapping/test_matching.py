@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
-from tests.mapping.surveys import EXACT, survey
+from tests.mapping.surveys import survey
 from tests.mapping.test_registration import errors, rms
 
-from rovtwin.core.errors import LogError
-from rovtwin.mapping.alignment.align import align
 from rovtwin.mapping.alignment.matching import correlations, match_strips
+from rovtwin.mapping.alignment.registration import register
 from rovtwin.mapping.alignment.sights import sights
-from rovtwin.mapping.alignment.strips import Strip, straight_runs
+from rovtwin.mapping.alignment.strips import Strip, straight_runs, strip_of
+from rovtwin.mapping.alignment.ties import observe
 
 CELL = 0.02
 
@@ -96,19 +96,13 @@ def pictures(one, noise=0.05):
 def test_a_survey_is_put_together_by_its_pictures_alone():
     one = survey(seed=3)
     t, bright = pictures(one)
-    assert len(straight_runs(one.stated.navigation, t)) == len(one.lines)
-    found = align(one.stated, one.keys, t, bright, std=EXACT, cell=0.03)
+    runs = straight_runs(one.stated.navigation, t)
+    assert len(runs) == len(one.lines)
+    ties = match_strips([strip_of(one.stated, t[run], bright[run], 0.03) for run in runs])
+    assert len(ties.t) >= 15
+    found = register(one.joint, observe(one.joint, one.stated, ties))
     before, _ = errors(one)
     after, stated = errors(one, found.joint)
-    assert len(found.ties.t) >= 15 and not found.findings
     assert rms(after - after.mean(0)) < 0.75 * rms(before - before.mean(0))
-    assert found.registration.dropped <= 0.2 * len(found.ties.t) and 0.3 < found.registration.nis < 2.0
+    assert found.dropped <= 0.2 * len(ties.t) and 0.3 < found.nis < 2.0
     assert np.mean(np.einsum("mi,mij,mj->m", after, np.linalg.inv(stated.absolute), after)) < 5.0
-    where, pixel = np.array([5.0, 20.0]), np.array([100.0, 20.0])
-    assert np.isfinite(found.uncertainty(where, pixel).sigma()).all()
-
-
-def test_lines_without_a_track_or_a_straight_run_are_refused():
-    one = survey(seed=3)
-    with pytest.raises(LogError, match="straight run"):
-        align(one.stated, one.keys, np.array([1e4, 2e4]), np.ones((2, one.truth.imager.pixels)))

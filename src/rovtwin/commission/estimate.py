@@ -12,10 +12,15 @@ from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.identification.identify import Identification
 from rovtwin.identification.joint.model.parameters import Parameter
+from rovtwin.live.connect import is_computed
 from rovtwin.report.identification.html import write_identification_report
 
 FILE, RESULT, DOUBTFUL, REPORT = "identified.yaml", "identified.nc", "identified.doubtful.nc", "identified"
 SCALE = "no pull on a scale: forces, masses and drag are known only up to a common factor, as well as the thrust curve"
+CHAIN = (
+    "their exponents, dead bands and time constants are those of all that lies between a command on this link and the "
+    "thrust: the vehicle's own firmware is in them, and a data sheet of the thruster need not agree"
+)
 HELP = (  # what a doubt begins with or holds, and what would help
     ("the fitted tests last", "Fly more: --stage excite."),
     ("has not settled", "Fly more: --stage excite --minutes 25."),
@@ -44,7 +49,7 @@ def run(work: Work) -> Outcome:
     repeated = repeats(result, forces)
     budgets = budget(result, [*forces, *thrust_forces(result)], anchors)
     rows = [_force(one, result, budgets[k] if budgets else None) for k, one in enumerate(forces)]
-    checks += [*_about(result, bool(anchors)), *_known(work, result, rows), *about(repeated)]
+    checks += [*_about(result, bool(anchors), work.request.link), *_known(work, result, rows), *about(repeated)]
     measured = {
         "result_file": files["result_file"],
         "report_file": files["report_file"],
@@ -70,17 +75,20 @@ def _files(work: Work, result: Identification) -> dict[str, str]:
     return files
 
 
-def _about(result: Identification, pulled: bool) -> Iterator[Check]:
+def _about(result: Identification, pulled: bool, link: str) -> Iterator[Check]:
     """Doubts stop, contradictions warn, remarks are noted."""
     for doubt in result.doubts:
         yield Check("stop", "estimate", f"not to be relied on: {doubt}.", _help(doubt))
     count = result.verdicts.count("learnt")
+    tests = "1 test" if len(result.records) == 1 else f"{len(result.records)} tests"
     scale = result.up_to_scale
     yield Check(
         "ok" if pulled or not scale else "note",
         "parameters",
-        f"{count} of {len(result.verdicts)} learnt from {len(result.records)} tests{scale}",
+        f"{count} of {len(result.verdicts)} learnt from {tests}{scale}",
     )
+    if any(p.name.startswith("thrusters.") for p in result.parameters.free) and not is_computed(link):
+        yield Check("note", "thrusters", CHAIN)
     for p, word in zip(result.parameters.free, result.verdicts, strict=True):
         if word == "contradicted":
             yield _contradicted(p, result.values[p.name], result.interval(p.name))

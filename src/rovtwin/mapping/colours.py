@@ -27,7 +27,7 @@ def picture(
         seen: Where there is anything.
         alike: One scale for the three, as true to colour as reflectances are; else each its own, for radiances.
     """
-    rgb = np.where(seen[..., None] & ~np.isfinite(rgb), np.inf, rgb)
+    rgb = np.where((seen & ~np.isfinite(rgb).all(-1))[..., None], np.inf, rgb)
     known = seen & np.isfinite(rgb).all(-1)
     out = np.zeros((*seen.shape, 4), np.uint8)
     if not known.any():

@@ -165,14 +165,14 @@ def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float
             value = part.value
             value[~seen] = np.nan
             if job.calibrated.has_noise and job.calibrated.correction.model is not None:
-                hidden = masked(value, sigma, smallest_snr)
+                wide = (-1, grid.columns, bands)
+                cells = (value.reshape(wide), sigma.reshape(wide), seen.reshape(wide[:2]))
+                hidden = masked(*cells, smallest_snr).reshape(value.shape)
                 dropped += hidden[seen].sum(axis=0)
                 value[hidden] = np.nan
             cube.append(value.reshape(-1, grid.columns, bands))
             rows = slice(row, row + len(value) // grid.columns)
-            with np.errstate(invalid="ignore"):
-                mean = np.stack([value[:, c].mean(axis=1) for c in colours], axis=-1)
-            rgb[rows] = mean.reshape(-1, grid.columns, 3)
+            rgb[rows] = np.stack([_known_mean(value[:, c]) for c in colours], axis=-1).reshape(-1, grid.columns, 3)
             layers[rows] = masked_layers(part, sigma[:, shown], grid.columns)
     finally:
         cube.close()
@@ -180,3 +180,10 @@ def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float
     units = job.units()
     named = {name: (layers[..., k], units[name]) for k, name in enumerate([*names, "coverage", "noise"])}
     return Joined(named, rgb, seen, direct, dropped / max(int(seen.sum()), 1))
+
+
+def _known_mean(values: Float[np.ndarray, "n band"]) -> Float[np.ndarray, " n"]:
+    """Over the bands that are known; no number where none is."""
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)

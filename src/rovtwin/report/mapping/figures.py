@@ -98,9 +98,11 @@ def picture(sheet: Sheet, spectra: Sequence[Spectrum], ways: Sequence[Float[np.n
 
 def layers(sheet: Sheet, shown: Mapping[str, tuple[Float[np.ndarray, "row column"], str]]) -> Figure:
     """Coverage, range, standard deviations: a panel each."""
-    rows = -(-len(shown) // 2)
-    figure = new_figure(height=min(rows * _height(sheet, 3.2, 5.0), 10.0))
-    panels = np.atleast_1d(figure.subplots(rows, 2, squeeze=False)).ravel()
+    wide, high = sheet.size
+    columns = 3 if high > 1.3 * wide else 2
+    rows = -(-len(shown) // columns)
+    figure = new_figure(height=min(rows * _height(sheet, 5.6 / columns, 5.0), 10.0))
+    panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axes, (name, (layer, unit)) in zip(panels, shown.items(), strict=False):
         known = layer[np.isfinite(layer)]
         low, high = np.percentile(known, [1.0, 99.0]) if len(known) else (0.0, 1.0)
@@ -129,7 +131,8 @@ def spectra(wavelengths: Float[np.ndarray, " band"], shown: Sequence[Spectrum], 
             axes.plot(wavelengths, one.truth, color=colour, linewidth=1.0, linestyle=(0, (4, 2)))
             known = True
     axes.set_xlim(float(wavelengths[0]), float(wavelengths[-1]))
-    top = [np.nanpercentile(one.value, 99.0) for one in shown if np.isfinite(one.value).any()]
+    visible = (wavelengths >= 400.0) & (wavelengths <= 700.0)
+    top = [np.nanmax(one.value[visible]) for one in shown if np.isfinite(one.value[visible]).any()]
     if top:
         axes.set_ylim(min(0.0, -0.02 * max(top)), 1.25 * max(top))
     if shown:
