@@ -7,6 +7,7 @@ from typing import Any
 import typer
 
 from rovtwin.cli.cameras.calibrate import calibrate
+from rovtwin.cli.cameras.map import map_lines
 from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.photos import photos
 from rovtwin.cli.cameras.render import render
@@ -75,6 +76,7 @@ app.command()(render)
 app.command()(track)
 app.command()(scan)
 app.command()(photos)
+app.command("map")(map_lines)
 app.command()(smooth)
 app.command()(watch)
 app.command()(calibrate)
