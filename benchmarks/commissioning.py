@@ -31,6 +31,7 @@ from rovtwin.commission.dossier import INDEX, OUTCOME  # noqa: E402
 
 LINKS = {"blueye": "blueye://127.0.0.2,127.0.0.3", "mavlink": "mavlink://udpin:127.0.0.1:14550", "twin": "twin://"}
 MOCAP = "qtm://127.0.0.1/rov"
+GAIN = 0.5  # JS_GAIN_DEFAULT, as ArduSub ships
 KILLED_AFTER = 12.0  # of a stage's first attempt [s]; those that end sooner are not killed
 
 
@@ -55,17 +56,19 @@ def begin(arguments: argparse.Namespace) -> None:
 
 
 def full_pull(model: Any, protocol: str) -> float:
-    """What a scale reads while the served vehicle pulls ahead at full command [N].
+    """What a scale reads when the served vehicle gets full command ahead at full command [N].
 
-    A drone's firmware gives ahead no more than its thrusters give astern, see `simulation.vehicle_firmware`.
+    A drone's firmware gives ahead no more than its thrusters give astern, see `simulation.vehicle_firmware`; ArduSub as
+    it is shipped, and so the served one, lets half of the command through.
     """
+    from rovtwin.commission.scale import pull_of
     from rovtwin.vehicle.physics.thrusters import force_limits
 
+    if protocol != "blueye":
+        return pull_of(model, "surge", GAIN if protocol == "mavlink" else 1.0).expected
     surge = np.abs(np.asarray(model.thrusters.configuration)[0])
-    helping = np.where(surge > 0.05 * surge.max(), surge, 0.0)
     low, high = (np.asarray(limit) for limit in force_limits(model.thrusters))
-    ahead = np.where(np.asarray(model.thrusters.configuration)[0] > 0.0, high, -low)
-    return float(helping @ (np.minimum(-low, high) if protocol == "blueye" else ahead))
+    return float(np.where(surge > 0.05 * surge.max(), surge, 0.0) @ np.minimum(-low, high))
 
 
 def serve(path: Path, protocol: str, folder: Path) -> subprocess.Popen[bytes]:
