@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "rovtwin"
 
 SIBLINGS = {"simulation", "identification", "positioning", "gnc", "survey"}
 LEAVES = {"links", "report"}
-LIBRARIES = {"core", "vehicle", "imaging", "monitoring"} | SIBLINGS | LEAVES
+LIBRARIES = {"core", "vehicle", "imaging", "mapping", "monitoring"} | SIBLINGS | LEAVES
 # What each package of rovtwin may import, besides itself. A new package gets its line here.
 RULES: dict[str, set[str]] = {
     "_version": set(),
@@ -30,6 +30,7 @@ RULES: dict[str, set[str]] = {
     **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
     "imaging": {"core", "vehicle"},  # what makes lines and what makes maps of them share
     "simulation": {"core", "vehicle", "imaging"},
+    "mapping": {"core", "vehicle", "imaging"},  # it knows lines, and not who made them
     "identification": {"core", "vehicle", "report"},  # a result draws itself; report knows of no sibling
     "monitoring": {"core", "vehicle", "identification", "gnc"},  # it reads records, and counts in a vehicle's scales
     "scenario": {"core", "vehicle", "gnc", "simulation"},  # it checks what people write by the names that these know
@@ -37,7 +38,7 @@ RULES: dict[str, set[str]] = {
     "live": LIBRARIES | {"scenario", "runs"},
     "planning": LIBRARIES | {"scenario", "runs"},
     "testing": LIBRARIES | {"scenario", "runs", "api", "console"},  # contracts for packages of others
-    "demo": LIBRARIES | {"scenario", "runs"},
+    "demo": LIBRARIES | {"scenario", "runs", "planning"},
     "campaign": LIBRARIES | {"scenario", "runs"},
     "console": LIBRARIES | {"scenario", "runs", "live", "planning", "commission"},
     "commission": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},
@@ -79,7 +80,7 @@ LAYERS: dict[str, list[set[str]]] = {
     "report": [
         {"flight", "series"},
         {"parts"},
-        {"cameras", "evidence", "identification", "run"},
+        {"cameras", "evidence", "identification", "mapping", "run"},
         {"commission", "plans", "studies", "vehicles"},
     ],
     "links/mavlink": [
@@ -183,7 +184,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"scoring"},
         {"recording"},
         {"flight"},
-        {"batch", "fly", "smooth", "watch"},
+        {"batch", "fly", "mapping", "smooth", "watch"},
     ],
     "live": [
         {"manoeuvres", "readiness"},

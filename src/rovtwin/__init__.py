@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         identify,
         load_scenario,
         load_vehicle,
+        map,
         plan_experiment,
         run_campaign,
         simulate,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from rovtwin.vehicle.physics.model import Model
 
 _API = ("connect", "fly", "identify", "load_scenario", "load_vehicle")
-_API += ("plan_experiment", "run_campaign", "simulate", "smooth", "track", "tune")
+_API += ("map", "plan_experiment", "run_campaign", "simulate", "smooth", "track", "tune")
 _ERRORS = ("ConfigError", "IdentificationError", "LinkError", "LinkTimeout", "LogError", "RovtwinError")
 _HOME = {
     **dict.fromkeys(_API, "api"),
@@ -94,6 +95,7 @@ __all__ = [
     "identify",
     "load_scenario",
     "load_vehicle",
+    "map",
     "plan_experiment",
     "run_campaign",
     "simulate",

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rovtwin.identification.result import Identification
     from rovtwin.planning.plan import Plan
     from rovtwin.runs.flight import Flight
+    from rovtwin.runs.mapping.result import Mosaic
     from rovtwin.runs.smooth import SmoothedRun
     from rovtwin.simulation.roll_out import Trajectory
 
@@ -339,6 +340,37 @@ def _known(settings: Mapping[str, Any], kind: Any) -> None:
     names = [field.name for field in fields(kind)]
     if unknown := [name for name in settings if name not in names]:
         raise ConfigError(f"{unknown[0]}: no such setting; known: {', '.join(names)}")
+
+
+def map(
+    run: str | Path | None, lines: str | Path, folder: str | Path = "mosaic", overwrite: bool = False, **settings: Any
+) -> "Mosaic":
+    """A georeferenced mosaic of an imager's lines, in a folder of files that other programs open.
+
+    Args:
+        run: Folder of the run on which they were taken, or its log; None: the file of lines has its own navigation.
+        lines: File of lines, of `rovtwin scan` or of an instrument.
+        folder: To make.
+        overwrite: Whether a mosaic that is there may be replaced.
+        settings: What differs, by the names of `runs.mapping.request.MapRequest`: floor, navigation, resolution, ..
+
+    Raises:
+        ConfigError: Something that is asked for is not there or cannot be.
+        LogError: A file cannot be read or written.
+
+    Example:
+        >>> mosaic = rovtwin.map("runs/survey", "lines.h5", "mosaic", resolution=0.02)  # doctest: +SKIP
+        >>> mosaic.spectrum(567820.5, 7036450.2)  # doctest: +SKIP
+    """
+    from rovtwin.runs.mapping.make import map_run
+    from rovtwin.runs.mapping.request import MapRequest
+
+    _known(settings, MapRequest)
+    for name in ("area", "points"):
+        if settings.get(name) is not None:
+            settings[name] = Path(settings[name])
+    request = MapRequest(Path(lines), **settings)
+    return map_run(None if run is None else Path(run), request, Path(folder), overwrite)
 
 
 def smooth(run: str | Path) -> "SmoothedRun":

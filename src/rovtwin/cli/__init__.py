@@ -7,6 +7,7 @@ from typing import Any
 import typer
 
 from rovtwin.cli.cameras.calibrate import calibrate
+from rovtwin.cli.cameras.map import map_lines
 from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.render import render
 from rovtwin.cli.cameras.scan import scan
@@ -73,6 +74,7 @@ app.command()(markers)
 app.command()(render)
 app.command()(track)
 app.command()(scan)
+app.command("map")(map_lines)
 app.command()(smooth)
 app.command()(watch)
 app.command()(calibrate)

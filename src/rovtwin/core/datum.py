@@ -92,6 +92,13 @@ class Datum:
         place[..., 2] = depth
         return place
 
+    def position_of_ecef(self, ecef: ArrayLike) -> np.ndarray:
+        """Places in n of Earth-centred, Earth-fixed coordinates [m], the inverse of `ecef`, same shape (..., 3)."""
+        from pymap3d import ecef2geodetic
+
+        latitude, longitude, height = ecef2geodetic(*np.moveaxis(np.asarray(ecef, dtype=float), -1, 0))
+        return self.position(latitude, longitude, self.height - np.asarray(height))
+
     def distance(self, latitude: ArrayLike, longitude: ArrayLike) -> np.ndarray:
         """Straight line from the datum to places at the water level, through the Earth where need be [m]."""
         check_coordinates(latitude, longitude)

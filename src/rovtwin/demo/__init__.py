@@ -1,1 +1,1 @@
-"""The demonstration that `rovtwin demo` runs: the thesis's lawn-mower, a payload, a camera."""
+"""The demonstration that `rovtwin demo` runs: the thesis's lawn-mower, a payload, a camera; and a map."""

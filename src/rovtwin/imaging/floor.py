@@ -38,6 +38,21 @@ class Plane:
         return self.depth + place @ np.asarray(self.slope), slope
 
 
+@dataclass(frozen=True)
+class FloorHits:
+    """Where rays end.
+
+    Attributes:
+        way: Through the water [m]; no number where nothing is met.
+        point: n [m].
+        normal: Of what is met, into the water, n.
+    """
+
+    way: Float[np.ndarray, "*n"]
+    point: Float[np.ndarray, "*n 3"]
+    normal: Float[np.ndarray, "*n 3"]
+
+
 def normals(slope: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 3"]:
     """Unit normals of the floor, into the water (up), in n."""
     upward = np.concatenate([slope, -np.ones((*slope.shape[:-1], 1))], axis=-1)
@@ -71,6 +86,15 @@ def ways_to(
             way = way + _step(above, slope, direction)
         missed = ~(np.abs(above) < 1e-6) | ~(way > 0.0) | (way > longest)
     return np.where(missed, np.nan, way)
+
+
+def floor_hits(
+    floor: Floor, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"], longest: float
+) -> FloorHits:
+    """Of rays from where they enter the water, n [m], along unit vectors; none is longer than `longest` [m]."""
+    way = ways_to(floor, origin, direction, longest)
+    point = origin + way[..., None] * direction
+    return FloorHits(way, point, normals(floor.depth_and_slope(np.nan_to_num(point[..., :2]))[1]))
 
 
 def _step(

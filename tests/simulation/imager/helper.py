@@ -6,7 +6,7 @@ import numpy as np
 from tests.imaging.helper import DOWN, imager
 
 from rovtwin.imaging.imager import Mount
-from rovtwin.simulation.imager.path import PosePath
+from rovtwin.imaging.path import PosePath
 from rovtwin.simulation.imager.scan import Scan
 from rovtwin.simulation.scene import Scene, scene_from_dict
 

@@ -8,13 +8,13 @@ from tests.imaging.helper import DOWN, data, imager
 from tests.simulation.imager.helper import LAMP, flat, path, scan
 
 from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.imaging.path import PosePath
 from rovtwin.imaging.schema import Clock
 from rovtwin.imaging.spectra.light import lamp_exponent
 from rovtwin.simulation.imager.detector import DetectorModel
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.imager.hits import Hits
-from rovtwin.simulation.imager.path import PosePath
-from rovtwin.simulation.imager.radiance import Radiometry
+from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.imager.scan import BLOCK
 from rovtwin.simulation.scene import load_scene, scene_from_dict
 
@@ -50,7 +50,8 @@ def test_rays_end_on_the_hills_that_the_world_has():
 
 
 def test_what_is_seen_beside_the_slits_middle_is_within_some_micrometres():
-    from rovtwin.simulation.imager.hits import beside, floor_hits
+    from rovtwin.imaging.floor import floor_hits
+    from rovtwin.simulation.imager.hits import beside
 
     found = scan(flat(relief=HILLS))
     middle = found.middles(found.t)[0]
@@ -93,7 +94,7 @@ def test_nothing_is_seen_of_a_floor_that_is_too_deep():
 def lit(scene, albedo: float, height: float = 1.5, **given):
     """Radiance of a line over a level floor, and its hits; the imager at the origin, looking down."""
     small = imager(**given)
-    model = Radiometry(small, scene, 12.0)
+    model = radiometry_of(small, scene.file, 12.0)
     point, direction = (x @ DOWN.T for x in small.rays())
     way = (height - point[:, 2]) / direction[:, 2]
     at = point + way[:, None] * direction

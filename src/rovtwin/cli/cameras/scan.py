@@ -48,10 +48,11 @@ def scan(
 
     [bold]rovtwin scan runs/survey --imager uhi --scene shoal -o lines.h5[/bold]
     """
-    from rovtwin.runs.recording.scan import SOURCES, ScanRequest, scan_run
+    from rovtwin.imaging.path import POSES
+    from rovtwin.runs.recording.scan import ScanRequest, scan_run
 
-    if navigation not in SOURCES:
-        raise ConfigError(f"--navigation: found '{navigation}', expected {', '.join(SOURCES)}")
+    if navigation not in POSES:
+        raise ConfigError(f"--navigation: found '{navigation}', expected {', '.join(POSES)}")
     out = out or (run if run.is_dir() else run.parent) / "lines.h5"
     check_free(out, overwrite)
     roll, pitch, yaw = (math.radians(x) for x in _three(misalignment, "--misalignment", 45.0))

@@ -213,13 +213,19 @@ def report(
 
 
 def demo(
+    what: Annotated[
+        str, typer.Argument(help="flight, or map: a survey planned, flown, scanned with an imager, and its mosaic.")
+    ] = "flight",
     out: Annotated[Path | None, typer.Option(help="Folder; default runs/<time>-demo.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly the Double Blueye's lawn-mower in waves, then with a payload bolted on, and identify it from its own camera.
 
-    The page that comes out holds the flights beside the thesis's published behaviour.
+    The page that comes out holds the flights beside the thesis's published behaviour. [bold]rovtwin demo map[/bold]
+    ends in a mosaic of reflectance of the sea floor instead.
     """
+    if what not in ("flight", "map"):
+        raise ConfigError(f"demo: found '{what}', expected flight or map")
     # Each program runs once: to optimise it takes longer than it saves. XLA reads this when JAX is imported.
     flags, option = os.environ.get("XLA_FLAGS", ""), "xla_backend_optimization_level"
     if option not in flags:
@@ -228,6 +234,9 @@ def demo(
     from rovtwin.runs.fly import run_folder
 
     screen = console(as_json)
+    if what == "map":
+        _demo_map(out or run_folder("demo-map"), screen, as_json)
+        raise typer.Exit(DONE)
     screen.print(
         "The lawn-mower in waves, by the thesis's gains (the baseline) and by the model-based autopilot (the default); "
         "then a Doppler log and a sonar are bolted on, the vehicle is tested, identified and flown again; then a short "
@@ -253,3 +262,25 @@ def demo(
     if as_json:
         emit(result)
     raise typer.Exit(DONE if result["completed"] else FAILED)
+
+
+def _demo_map(folder: Path, screen: Any, as_json: bool) -> None:
+    from rovtwin.demo.mapping import run_map_demo
+
+    screen.print("Five by three metres of a coastal bottom: a survey is planned, flown, scanned and mapped.\n")
+    with ExitStack() as stack:
+
+        def say(what: str) -> None:
+            stack.pop_all().close()
+            stack.enter_context(progress_bar("")).add_task(what, total=None)
+
+        def fly(scenario: "Scenario", where: Path) -> Any:
+            stack.pop_all().close()
+            return _fly(scenario, where, False, True, screen)
+
+        result = run_map_demo(folder, fly, say)
+    for remark in result["remarks"]:
+        screen.print(f"- {remark}", markup=False, soft_wrap=True)
+    screen.print(f"\nOpen [bold]{result['report']}[/bold] in a browser.", soft_wrap=True)
+    if as_json:
+        emit(result)

@@ -21,17 +21,16 @@ from rovtwin.imaging.files import imager_as_data, list_imagers
 from rovtwin.imaging.imager import Imager, Mount, load_imager, mount_of
 from rovtwin.imaging.lines import Truth
 from rovtwin.imaging.lines_writer import Head, Navigation, write_lines
+from rovtwin.imaging.path import POSES, PosePath
 from rovtwin.imaging.unfinished import Unfinished
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.world import on_world_floor
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
-from rovtwin.simulation.imager.path import PosePath
 from rovtwin.simulation.imager.scan import BLOCK, LONGEST, Scan
 from rovtwin.simulation.scene import Scene, list_scenes, load_scene
 
-SOURCES = {"estimate": "autopilot/eta", "truth": "truth/eta", "smoothed": "smoothed/eta"}
-_FORMAT = 1  # of what the lines are made of: a change of the model that changes them raises it
+_FORMAT = 2  # of what the lines are made of: a change of the model that changes them raises it
 _ROOM = 2.1  # of the file's size that the disk must have free: it is put together from lines kept beside it
 
 
@@ -47,7 +46,7 @@ class ScanRequest:
         end: Last line at the latest [s]; inf: with the run.
         misalignment: Roll, pitch and yaw about b by which it sits otherwise than stated [rad].
         displacement: By which it sits elsewhere than stated, b [m].
-        navigation: Whose poses the file holds beside the lines, of `SOURCES`.
+        navigation: Whose poses the file holds beside the lines, of `imaging.path.POSES`.
         seed: Of noise; None: the run's.
     """
 
@@ -219,7 +218,7 @@ def _head(scan: Scan, mount: Mount, log: Log, folder: Path, scenario: Scenario, 
 
 
 def _navigation(log: Log, folder: Path, source: str) -> Navigation:
-    name = SOURCES[source]
+    name = POSES[source]
     if source == "smoothed":
         path = folder / "smoothed.mcap"
         if not path.is_file():

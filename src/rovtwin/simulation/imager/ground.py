@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.imaging.floor import floor_hits
 from rovtwin.imaging.spectra.materials import reflectance, reflectance_of_colour
 from rovtwin.simulation.camera.shading import mottled
+from rovtwin.simulation.imager.hits import Hits, first_hits
 from rovtwin.simulation.scene.scene import Scene
 from rovtwin.simulation.scene.schema import BANDS, Cover
 from rovtwin.simulation.scene.surfaces import Material
@@ -18,6 +20,7 @@ _GRAIN, _GRAINY = 0.06, 0.12  # finer look of all materials: its coarsest length
 _RAGGED = 0.05  # how much that grain frays the edges of patches
 _ROUGH = 0.25  # how much a patch's brightness varies with that noise
 _PER_SEED = (37.7, 91.3)  # way from one seed's piece of the noise to the next, in lengths of the noise
+_ABOVE = 2.0  # the floor, from where things on it are looked at [m]
 _BLOCK = 1 << 14  # points at a time, so that one program is compiled
 _SAMPLE = 0.37 * np.arange(300.0)  # of the noise, in its lengths, of which the level of a share is taken
 
@@ -89,6 +92,31 @@ class Ground:
             found[:, : 2 + k] *= (1.0 - over)[:, None]
             found[:, 2 + k] = over * np.maximum(1.0 + _ROUGH * noise, 0.0)
         return found * (1.0 + _GRAINY * grain)[:, None]
+
+    def seen(self, hits: Hits, wide: float) -> Float[np.ndarray, "*n material"]:
+        """Shares of each row of `spectra` where rays end, on the floor or on what stands on it.
+
+        Args:
+            hits: Where they end.
+            wide: Of a pixel there [m].
+        """
+        place = np.nan_to_num(hits.point[..., :2]).reshape(-1, 2)
+        found = self.shares(place, wide).reshape(*hits.way.shape, -1)
+        if (standing := hits.standing >= 0).any():
+            found[standing] = 0.0
+            row = self.standing_from + 2 * hits.standing[standing]
+            found[(*np.nonzero(standing), row)] = 1.0 - hits.printed[standing]
+            found[(*np.nonzero(standing), row + 1)] = hits.printed[standing]
+        return found
+
+    def from_above(self, place: Float[np.ndarray, "n 2"], wide: float = 1e-3) -> Float[np.ndarray, "n band"]:
+        """Reflectance of what is seen straight from above at places north and east [m]: the truth of a map."""
+        floor = self.scene.floor
+        assert floor is not None
+        down = np.tile([0.0, 0.0, 1.0], (len(place), 1))
+        origin = np.column_stack([place, floor.depth_and_slope(place)[0] - _ABOVE])
+        hits = first_hits(floor_hits(floor, origin, down, np.inf), self.scene.standing, origin, down, np.inf)
+        return self.seen(hits, wide) @ self.spectra
 
     def albedo(self, place: Float[np.ndarray, "n 2"], wide: float = 1e-3) -> Float[np.ndarray, "n band"]:
         """Reflectance of the floor at places north and east [m], the truth of a map but for what stands on it."""

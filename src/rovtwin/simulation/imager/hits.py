@@ -5,26 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from rovtwin.imaging.floor import Floor, normals, ways_to
+from rovtwin.imaging.floor import FloorHits
 from rovtwin.simulation.scene.surfaces import Rectangle
 
 _NEAR = 0.02  # nothing is seen closer to the port [m]
 _LIES = 1e-4  # how far what lies on something may be below it [m]
-
-
-@dataclass(frozen=True)
-class FloorHits:
-    """Where rays end.
-
-    Attributes:
-        way: Through the water [m]; no number where nothing is met.
-        point: n [m].
-        normal: Of what is met, into the water, n.
-    """
-
-    way: Float[np.ndarray, "*n"]
-    point: Float[np.ndarray, "*n 3"]
-    normal: Float[np.ndarray, "*n 3"]
 
 
 @dataclass(frozen=True)
@@ -38,15 +23,6 @@ class Hits(FloorHits):
 
     standing: Int[np.ndarray, "*n"]
     printed: Float[np.ndarray, "*n"]
-
-
-def floor_hits(
-    floor: Floor, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"], longest: float
-) -> FloorHits:
-    """Of rays from where they enter the water, n [m], along unit vectors; none is longer than `longest` [m]."""
-    way = ways_to(floor, origin, direction, longest)
-    point = origin + way[..., None] * direction
-    return FloorHits(way, point, normals(floor.depth_and_slope(np.nan_to_num(point[..., :2]))[1]))
 
 
 def beside(known: FloorHits, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"]) -> FloorHits:

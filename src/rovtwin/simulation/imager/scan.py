@@ -10,13 +10,15 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.imaging.floor import FloorHits, floor_hits
 from rovtwin.imaging.imager import Imager, Mount
+from rovtwin.imaging.path import PosePath
+from rovtwin.imaging.radiance import Radiometry
 from rovtwin.imaging.schema import Clock
 from rovtwin.simulation.imager.detector import DetectorModel
 from rovtwin.simulation.imager.ground import Ground
-from rovtwin.simulation.imager.hits import FloorHits, Hits, beside, first_hits, floor_hits
-from rovtwin.simulation.imager.path import PosePath
-from rovtwin.simulation.imager.radiance import Radiometry
+from rovtwin.simulation.imager.hits import Hits, beside, first_hits
+from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.scene.scene import Scene
 
 BLOCK = 16  # lines made at once
@@ -72,7 +74,7 @@ class Scan:
     @cached_property
     def radiometry(self) -> Radiometry:
         """Light and water in the imager's bands."""
-        return Radiometry(self.imager, self.scene, LONGEST)
+        return radiometry_of(self.imager, self.scene.file, LONGEST)
 
     @cached_property
     def detector(self) -> DetectorModel:
@@ -163,16 +165,5 @@ class Scan:
         for time, across in WITHIN:
             origin, direction, _, _ = self._rays(t + time * self.imager.file.exposure, across)
             at = first_hits(beside(floor, origin, direction), self.scene.standing, origin, direction, LONGEST)
-            shares += self._shares(at, wide)
+            shares += self.ground.seen(at, wide)
         return (shares / np.float32(len(WITHIN))) @ self.ground.spectra
-
-    def _shares(self, hits: Hits, wide: float) -> Float[np.ndarray, "n pixel material"]:
-        """Of the materials that rays meet."""
-        place = np.nan_to_num(hits.point[..., :2]).reshape(-1, 2)
-        found = self.ground.shares(place, wide).reshape(*hits.way.shape, -1)
-        if (standing := hits.standing >= 0).any():
-            found[standing] = 0.0
-            row = self.ground.standing_from + 2 * hits.standing[standing]
-            found[(*np.nonzero(standing), row)] = 1.0 - hits.printed[standing]
-            found[(*np.nonzero(standing), row + 1)] = hits.printed[standing]
-        return found

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rovtwin.core.errors import LogError
 
+POSES = {"estimate": "autopilot/eta", "truth": "truth/eta", "smoothed": "smoothed/eta"}  # channels of a run's logs
 LONGEST_STEP = 0.2  # between poses of a path that may be interpolated [s]
 
 
@@ -47,10 +48,17 @@ class PosePath:
                 f"{where}: no pose from {t[k]:.2f} to {t[k + 1]:.2f} s; between poses {LONGEST_STEP:g} s apart at most "
                 "lines can be placed. Log the truth more often (log.rate of the scenario)"
             )
-        q = Rotation.from_euler("ZYX", eta[:, 5:2:-1]).as_quat()[:, [3, 0, 1, 2]]
-        same = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))  # q and -q are one attitude
+        return cls.through(t, eta[:, :3], quaternions(eta[:, 3:6]))
+
+    @classmethod
+    def through(
+        cls, t: Float[np.ndarray, " k"], position: Float[np.ndarray, "k 3"], attitude: Float[np.ndarray, "k 4"]
+    ) -> "PosePath":
+        """Of two or more poses in order, however the signs of their quaternions change: q and -q are one attitude."""
+        q = np.array(attitude, float)
+        same = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
         q[1:] *= same[:, None]
-        return cls(np.asarray(t, float), np.asarray(eta[:, :3], float), q)
+        return cls(np.asarray(t, float), np.asarray(position, float), q)
 
     @cached_property
     def _splines(self) -> tuple[CubicSpline, CubicSpline]:
@@ -65,3 +73,8 @@ class PosePath:
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)
         R = Rotation.from_quat(q[..., [1, 2, 3, 0]].reshape(-1, 4)).as_matrix().reshape((*np.shape(t), 3, 3))
         return places(t), R, q
+
+
+def quaternions(euler: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 4"]:
+    """Unit quaternions q_nb, scalar first, of zyx Euler angles [phi, theta, psi] [rad]."""
+    return Rotation.from_euler("ZYX", euler[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]

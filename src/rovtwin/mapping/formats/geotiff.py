@@ -1,0 +1,120 @@
+"""Cloud-optimised GeoTIFF: pictures, layers and whole cubes, with overviews, band names and wavelengths.
+
+Wavelengths stand twice, as GDAL 3.10 and later has them (domain IMAGERY, in um) and as QGIS and EnMAP-Box read them.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from rovtwin.core.log.files import atomic
+from rovtwin.mapping.gridding import Grid
+from rovtwin.mapping.projection import rasterio
+
+_ROWS = 256
+_COG = {"driver": "COG", "compress": "DEFLATE", "level": 1, "overview_resampling": "average", "bigtiff": "IF_SAFER"}
+
+
+def write_picture(path: Path, grid: Grid, rgb: UInt8[np.ndarray, "row column 4"]) -> Path:
+    """Red, green, blue and opacity.
+
+    Raises:
+        LogError: It cannot be written.
+    """
+    from rasterio.enums import ColorInterp
+
+    colours = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
+    blocks = [(0, np.moveaxis(rgb, -1, 0))]
+    return _written(path, grid, 4, "uint8", blocks, {}, lambda file: setattr(file, "colorinterp", colours))
+
+
+def write_layers(
+    path: Path, grid: Grid, layers: Mapping[str, tuple[Float[np.ndarray, "row column"], str]], about: Mapping[str, str]
+) -> Path:
+    """One band for each layer, float32, no number where nothing was seen; its unit in the band's tags.
+
+    Raises:
+        LogError: It cannot be written.
+    """
+
+    def named(file: Any) -> None:
+        file.update_tags(**about)
+        for band, (name, (_, unit)) in enumerate(layers.items(), 1):
+            file.set_band_description(band, name)
+            file.update_tags(band, units=unit)
+
+    block = np.stack([layer for layer, _ in layers.values()]).astype(np.float32)
+    return _written(path, grid, len(layers), "float32", [(0, block)], {"nodata": np.nan, "predictor": 3}, named)
+
+
+def write_cube(
+    path: Path,
+    grid: Grid,
+    cube: Float[np.ndarray, "row band column"],
+    wavelengths: Float[np.ndarray, " band"],
+    fwhm: Float[np.ndarray, " band"],
+    no_data: float,
+    about: Mapping[str, str],
+) -> Path:
+    """All bands, float32.
+
+    Raises:
+        LogError: It cannot be written.
+    """
+
+    def named(file: Any) -> None:
+        file.update_tags(**about)
+        for band, (w, wide) in enumerate(zip(wavelengths, fwhm, strict=True), 1):
+            file.set_band_description(band, f"{w:.1f} nm")
+            file.update_tags(band, wavelength=f"{w:.4f}", wavelength_units="Nanometers", fwhm=f"{wide:.4f}")
+            um = {"CENTRAL_WAVELENGTH_UM": f"{1e-3 * w:.7f}", "FWHM_UM": f"{1e-3 * wide:.7f}"}
+            file.update_tags(band, ns="IMAGERY", **um)
+
+    blocks = ((row, np.swapaxes(cube[row : row + _ROWS], 0, 1)) for row in range(0, grid.rows, _ROWS))
+    return _written(path, grid, len(wavelengths), "float32", blocks, {"nodata": no_data, "predictor": 3}, named)
+
+
+def _written(
+    path: Path,
+    grid: Grid,
+    bands: int,
+    kind: str,
+    blocks: Iterable[tuple[int, np.ndarray]],
+    profile: Mapping[str, Any],
+    dress: Any,
+) -> Path:
+    """A plain GeoTIFF first, block by block; the copy puts it in order and adds overviews."""
+    rio = rasterio("a GeoTIFF")
+    from rasterio.shutil import copy
+    from rasterio.windows import Window
+
+    base: dict[str, Any] = {"driver": "GTiff", "width": grid.columns, "height": grid.rows, "count": bands}
+    base |= {"dtype": kind, "crs": grid.crs, "transform": grid.transform, "BIGTIFF": "IF_SAFER"}
+    if "nodata" in profile:
+        base["nodata"] = profile["nodata"]
+    if bands > 4:
+        base |= {"interleave": "band"}
+    plain = path.with_name(f".{path.name}.plain.tif")
+    more = {"predictor": profile["predictor"]} if "predictor" in profile else {}
+    try:
+        with atomic(path, True) as temporary:
+            try:
+                with rio.open(plain, "w", **base) as file:
+                    for row, block in blocks:
+                        file.write(block, window=Window(0, row, grid.columns, block.shape[1]))  # type: ignore[call-arg]
+                    dress(file)
+                copy(plain, temporary, **_COG, **more)
+            except rio.errors.RasterioError as error:
+                raise OSError(str(error)) from error
+    finally:
+        for left in (plain, plain.with_name(f"{plain.name}.aux.xml")):
+            left.unlink(missing_ok=True)
+    return path
+
+
+def bands_of(names: Sequence[str], wavelengths: Float[np.ndarray, " band"]) -> dict[str, int]:
+    """Numbers of the bands nearest to wavelengths written as names."""
+    return {name: int(np.argmin(np.abs(wavelengths - float(name)))) for name in names}

@@ -1,0 +1,317 @@
+"""Cells of a mosaic: sums over the pixels that fall into each, a block of lines at a time, kept on the disk.
+
+Each block leaves its sums for the cells that it touches as a folder, written whole or not at all: what was broken off
+goes on with the blocks that are missing. They are joined at the end, some rows of the mosaic at a time, so that the
+memory does not grow with the survey.
+"""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_matrix
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.log.files import write_error
+from rovtwin.core.user_files.files import write_text
+
+_AT_ONCE = 96e6  # bytes of values of the rows joined at once
+_MOST_CELLS = 400e6
+_NEIGHBOURS = 5  # of eight that must be seen for an empty cell between them to be filled
+LAYERS = ("range", "incidence", "time", "depth")  # means that every part keeps beside its values
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Square cells of a map; row 0 is the northernmost, column 0 the westernmost.
+
+    Attributes:
+        crs: Of the map, of rasterio.
+        left: x of the western edge [m].
+        top: y of the northern edge [m].
+        cell: Side of a cell [m].
+        rows: How many.
+        columns: How many.
+    """
+
+    crs: Any
+    left: float
+    top: float
+    cell: float
+    rows: int
+    columns: int
+
+    @classmethod
+    def over(cls, crs: Any, xy: Float[np.ndarray, "n 2"], cell: float) -> "Grid":
+        """That holds all of these places, edges at whole cells.
+
+        Raises:
+            ConfigError: There would be too many cells.
+        """
+        low, high = np.floor(xy.min(0) / cell), np.floor(xy.max(0) / cell) + 1.0
+        columns, rows = (int(n) for n in high - low)
+        if rows * columns > _MOST_CELLS:
+            raise ConfigError(
+                f"--resolution {cell:g}: makes {rows} x {columns} cells of {np.ptp(xy, axis=0).round(1)} m, more than "
+                f"{_MOST_CELLS:g}. Say a larger one, or map a part (--from, --to)"
+            )
+        return cls(crs, float(low[0] * cell), float(high[1] * cell), cell, rows, columns)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    @property
+    def transform(self) -> Any:
+        """Of columns and rows to x and y, as rasterio has it."""
+        from rasterio.transform import from_origin
+
+        return from_origin(self.left, self.top, self.cell, self.cell)
+
+    @property
+    def x(self) -> Float[np.ndarray, " columns"]:
+        """Of the cells' middles [m]."""
+        return self.left + self.cell * (np.arange(self.columns) + 0.5)
+
+    @property
+    def y(self) -> Float[np.ndarray, " rows"]:
+        """Of the cells' middles [m]."""
+        return self.top - self.cell * (np.arange(self.rows) + 0.5)
+
+    def number(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n"]:
+        """Of the cells that places fall into, row by row; -1 outside and for no number."""
+        with np.errstate(invalid="ignore"):
+            column = np.floor((xy[..., 0] - self.left) / self.cell)
+            row = np.floor((self.top - xy[..., 1]) / self.cell)
+            inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
+        return np.where(inside, np.nan_to_num(row) * self.columns + np.nan_to_num(column), -1).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Sums over pixels of some lines, for each cell that they fall into.
+
+    Attributes:
+        cells: Their numbers, increasing.
+        weight: Sum of weights.
+        count: Of pixels.
+        quality: Mean of weights: how well the cell was seen.
+        layers: Weighted means of `LAYERS`, and of what else was asked for.
+        value: Weighted mean by band.
+        variance: Of the noise of that mean.
+    """
+
+    cells: Int[np.ndarray, " n"]
+    weight: Float[np.ndarray, " n"]
+    count: Float[np.ndarray, " n"]
+    quality: Float[np.ndarray, " n"]
+    layers: Float[np.ndarray, "n layer"]
+    value: Float[np.ndarray, "n band"]
+    variance: Float[np.ndarray, "n band"]
+
+
+def gridded(
+    number: Int[np.ndarray, " pixel"],
+    weight: Float[np.ndarray, " pixel"],
+    layers: Float[np.ndarray, "pixel layer"],
+    value: Float[np.ndarray, "pixel band"],
+    variance: Float[np.ndarray, "pixel band"],
+) -> Part:
+    """Of pixels; those whose number is -1 or whose weight is none fall out. No number makes its cell's band none."""
+    use = np.flatnonzero((number >= 0) & (weight > 0))
+    cells, row = np.unique(number[use], return_inverse=True)
+    shape, w = (len(cells), len(number)), weight[use].astype(np.float32)
+
+    def summing(data: np.ndarray) -> Any:
+        return csr_matrix((data, (row.ravel(), use)), shape)
+
+    total = np.bincount(row.ravel(), w, len(cells)).astype(np.float32)
+    count = np.bincount(row.ravel(), minlength=len(cells)).astype(np.float32)
+    mean = summing(w / total[row.ravel()])
+    return Part(
+        cells,
+        total,
+        count,
+        total / np.maximum(count, 1.0),
+        (mean @ layers).astype(np.float32),
+        mean @ value,
+        summing(np.square(w / total[row.ravel()])) @ variance,
+    )
+
+
+class Parts:
+    """Parts of a mosaic on the disk, by number.
+
+    Args:
+        folder: Of them; it is made.
+        key: Of all that they depend on: those of another one are thrown away.
+    """
+
+    NAMES = ("cells", "weight", "count", "quality", "layers", "value", "variance")
+
+    def __init__(self, folder: Path, key: str) -> None:
+        self.folder = folder
+        note = folder / "key.json"
+        try:
+            known = note.is_file() and json.loads(note.read_text(encoding="utf-8")).get("key") == key
+        except (OSError, ValueError, AttributeError):
+            known = False
+        try:
+            if not known:
+                self.remove()
+                folder.mkdir(parents=True)
+                write_text(note, json.dumps({"key": key}))
+            for left in folder.glob("*.half"):
+                shutil.rmtree(left)
+        except OSError as error:
+            raise write_error(folder, error) from error
+
+    def has(self, number: int) -> bool:
+        """Whether a part is there."""
+        return self._path(number).is_dir()
+
+    def add(self, number: int, part: Part, notes: dict[str, int]) -> None:
+        """Keep a part, and counts of what was left out of it.
+
+        Raises:
+            LogError: It cannot be written, such as on a full disk.
+        """
+        half = self._path(number).with_suffix(".half")
+        try:
+            half.mkdir()
+            for name in self.NAMES:
+                np.save(half / f"{name}.npy", getattr(part, name))
+            write_text(half / "notes.json", json.dumps(notes))
+            half.rename(self._path(number))
+        except OSError as error:
+            raise write_error(self.folder, error) from error
+
+    def notes(self, numbers: range) -> dict[str, int]:
+        """Sums of the counts of parts."""
+        total: dict[str, int] = {}
+        for number in numbers:
+            for name, count in json.loads((self._path(number) / "notes.json").read_text(encoding="utf-8")).items():
+                total[name] = total.get(name, 0) + count
+        return total
+
+    def remove(self) -> None:
+        """Keep nothing any more."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"part_{number:05d}"
+
+    def joined(self, numbers: range, grid: Grid, bands: int, layers: int, best: bool) -> Iterator[tuple[int, Part]]:
+        """The mosaic some rows at a time, from the top: first row, and its cells as a dense part.
+
+        Args:
+            numbers: Of the parts.
+            grid: Whose cells these are.
+            bands: How many.
+            layers: How many.
+            best: Whether a cell is taken from the lines that saw it best; else the mean of all, weighted.
+        """
+        opened = [_Opened(self._path(number)) for number in numbers]
+        high = int(np.clip(_AT_ONCE / (8.0 * bands * grid.columns), 8, grid.rows))
+        for row in range(0, grid.rows, high):
+            begin, end = max(row - 1, 0), min(row + high + 1, grid.rows)  # a row more, for what is filled
+            dense = _empty((end - begin) * grid.columns, bands, layers)
+            for part in opened:
+                if (piece := part.between(begin * grid.columns, end * grid.columns)) is not None:
+                    (_put_best if best else _add)(dense, piece, begin * grid.columns)
+            if not best:
+                _divide(dense)
+            _fill(dense, (end - begin, grid.columns))
+            keep = slice((row - begin) * grid.columns, (min(row + high, grid.rows) - begin) * grid.columns)
+            yield row, Part(*(getattr(dense, name)[keep] for name in self.NAMES))
+
+
+class _Opened:
+    """A part on the disk; its values are read as they are needed."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.cells = np.load(path / "cells.npy")
+
+    def between(self, first: int, last: int) -> Part | None:
+        """Of the cells from one number up to another."""
+        a, b = np.searchsorted(self.cells, [first, last])
+        if a == b:
+            return None
+        arrays = [np.load(self.path / f"{name}.npy", mmap_mode="r")[a:b] for name in Parts.NAMES]
+        return Part(*(np.array(array) for array in arrays))
+
+
+def _empty(cells: int, bands: int, layers: int) -> Part:
+    zeros = [np.zeros(cells, np.float32) for _ in range(3)]
+    wide = [np.zeros((cells, n), np.float32) for n in (layers, bands, bands)]
+    return Part(np.arange(cells), *zeros, *wide)
+
+
+def _put_best(dense: Part, piece: Part, first: int) -> None:
+    at = piece.cells - first
+    better = piece.quality > dense.quality[at]
+    for name in ("weight", "quality", "layers", "value", "variance"):
+        getattr(dense, name)[at[better]] = getattr(piece, name)[better]
+    dense.count[at] += piece.count
+
+
+def _add(dense: Part, piece: Part, first: int) -> None:
+    at, w = piece.cells - first, piece.weight[:, None]
+    for name, factor in (("layers", w), ("value", w), ("variance", w * w)):
+        getattr(dense, name)[at] += factor * getattr(piece, name)
+    dense.quality[at] = np.maximum(dense.quality[at], piece.quality)
+    dense.weight[at] += piece.weight
+    dense.count[at] += piece.count
+
+
+def _divide(dense: Part) -> None:
+    w = np.where(dense.weight > 0, dense.weight, 1.0)[:, None]
+    for name, factor in (("layers", w), ("value", w), ("variance", w * w)):
+        array = getattr(dense, name)
+        array /= factor
+
+
+def _fill(dense: Part, shape: tuple[int, int]) -> None:
+    """Cells that fell between two lines, from their neighbours; their count stays 0, their weight becomes positive."""
+    seen = dense.weight.reshape(shape) > 0
+    padded = np.pad(seen, 1)
+    around = sum(
+        padded[1 + i : shape[0] + 1 + i, 1 + j : shape[1] + 1 + j].astype(int)
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+        if i or j
+    )
+    rows, columns = np.nonzero(~seen & (np.asarray(around) >= _NEIGHBOURS))
+    if not len(rows):
+        return
+    at = rows * shape[1] + columns
+    total = np.zeros(len(at), np.float32)
+    sums = {name: np.zeros((len(at), getattr(dense, name).shape[1]), np.float32) for name in ("layers", "value")}
+    spread = np.zeros((len(at), dense.variance.shape[1]), np.float32)
+    for i in (-1, 0, 1):
+        for j in (-1, 0, 1):
+            r, c = np.clip(rows + i, 0, shape[0] - 1), np.clip(columns + j, 0, shape[1] - 1)
+            known = (seen[r, c] & (rows + i == r) & (columns + j == c)).astype(np.float32)
+            near = r * shape[1] + c
+            total += known
+            for name, array in sums.items():
+                array += np.where(known[:, None] > 0, getattr(dense, name)[near], 0.0)
+            spread += np.where(known[:, None] > 0, dense.variance[near], 0.0)
+    for name, array in sums.items():
+        getattr(dense, name)[at] = array / total[:, None]
+    dense.variance[at] = spread / total[:, None]  # neighbours of one line share their light: no gain is claimed
+    dense.weight[at] = 1e-12
+
+
+def masked_layers(part: Part, noise: Float[np.ndarray, " n"], columns: int) -> Float[np.ndarray, "row column layer"]:
+    """Layers of a dense part with its count and noise behind them; no number where nothing was seen."""
+    together = np.column_stack([part.layers, part.count, noise])
+    together[part.weight <= 0] = np.nan
+    return together.reshape(-1, columns, together.shape[1])

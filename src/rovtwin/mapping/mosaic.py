@@ -1,0 +1,187 @@
+"""From lines to cells: blocks of lines located, corrected and gridded, then joined to a cube and its layers."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rovtwin.mapping.colours import colour_bands
+from rovtwin.mapping.formats.envi import EnviCube
+from rovtwin.mapping.georeference import Georeference, Located
+from rovtwin.mapping.gridding import LAYERS, Grid, Part, Parts, gridded, masked_layers
+from rovtwin.mapping.projection import Projection
+from rovtwin.mapping.radiometry import Calibrated, masked
+
+BLOCK = 64  # lines that make one part
+UNITS = {"range": "m", "incidence": "deg", "time": "s", "depth": "m", "coverage": "1", "noise": "1"}
+_FULL = 1e-3  # weight of a pixel with a band that is full: its cell has a hole there, unless others fill it
+_SHOWN = 550.0  # whose noise is a layer [nm]
+# More layers of pixels: from times (line,) and where pixels lie to name -> (line, pixel); with the unit of each.
+More = Callable[[Float[np.ndarray, " line"], Located], Mapping[str, Float[np.ndarray, "line pixel"]]]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A mosaic to be made.
+
+    Attributes:
+        calibrated: Lines and what becomes of them.
+        georeference: Where they lie.
+        projection: To the map.
+        grid: Cells.
+        t: Of each line on the run's clock, the imager's clock put right [s].
+        use: Which lines count.
+        best: Whether a cell is taken from the lines that saw it best; else the mean of all.
+        more: Layers besides, such as standard deviations of the place.
+        more_units: Their names and units, in order.
+    """
+
+    calibrated: Calibrated
+    georeference: Georeference
+    projection: Projection
+    grid: Grid
+    t: Float[np.ndarray, " line"]
+    use: Bool[np.ndarray, " line"]
+    best: bool = True
+    more: More | None = None
+    more_units: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def numbers(self) -> range:
+        """Of the parts."""
+        return range(-(-len(self.t) // BLOCK))
+
+    @property
+    def layer_names(self) -> list[str]:
+        """In the order in which parts keep them."""
+        return [*LAYERS, *self.more_units]
+
+    def units(self) -> dict[str, str]:
+        """Of all layers."""
+        return UNITS | dict(self.more_units)
+
+    def part(self, number: int, cube: Float[np.ndarray, "line pixel band"]) -> tuple[Part, dict[str, int]]:
+        """Of one block of lines, as the file has them; and how many pixels were left out."""
+        first = number * BLOCK
+        t, use = self.t[first : first + BLOCK], self.use[first : first + BLOCK]
+        located = self.georeference.locate(t)
+        xy = self.projection.to_map(located.point[..., :2])
+        cell = self.grid.number(xy)
+        cell[~located.valid | ~use[:, None]] = -1
+        weight = np.where(located.valid, np.maximum(located.cosine, 0.0) / np.square(located.way), 0.0)
+        weight[(cube >= self.calibrated.lines.saturation).any(axis=-1)] *= _FULL  # other lines may have seen it
+        value, variance, full = self.calibrated.values(cube, first, located)
+        layers = [
+            located.way,
+            np.degrees(np.arccos(np.clip(located.cosine, -1.0, 1.0))),
+            np.broadcast_to((t - self.t[0])[:, None], located.way.shape),
+            located.point[..., 2],
+        ]
+        if self.more is not None:
+            found = self.more(t, located)
+            layers += [found[name] for name in self.more_units]
+        flat = np.stack(layers, axis=-1).reshape(cell.size, -1)
+        bands = value.shape[-1]
+        made = gridded(
+            cell.ravel(), weight.ravel(), np.nan_to_num(flat), value.reshape(-1, bands), variance.reshape(-1, bands)
+        )
+        missed = int((~located.valid & use[:, None]).sum())
+        return made, {"saturated": full, "missed": missed, "samples": int(value.size)}
+
+
+def make_parts(job: Job, parts: Parts, progress: Callable[[int, int], None] | None = None) -> int:
+    """Make the parts that are missing; how many were there already.
+
+    Raises:
+        LogError: Lines cannot be read, or parts not written.
+    """
+    job.calibrated.prepare()
+    _ = job.georeference.locate(job.t[:1])
+    missing = [number for number in job.numbers if not parts.has(number)]
+    there = len(job.numbers) - len(missing)
+    with ThreadPoolExecutor(_threads()) as pool:
+        for done, (number, future) in enumerate(_ahead(job, missing, pool), there + 1):
+            parts.add(number, *future.result())
+            if progress:
+                progress(done, len(job.numbers))
+    return there
+
+
+def _threads() -> int:
+    return min(4, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+def _ahead(job: Job, numbers: list[int], pool: ThreadPoolExecutor) -> Iterator[tuple[int, Future]]:
+    """Parts in order, one more being made than there are threads; the file is read here, by one thread."""
+    waiting: list[tuple[int, Future]] = []
+    lines = job.calibrated.lines
+    for number in numbers:
+        cube = lines.read(number * BLOCK, min((number + 1) * BLOCK, len(job.t)))
+        waiting.append((number, pool.submit(job.part, number, cube)))
+        if len(waiting) > _threads():
+            yield waiting.pop(0)
+    yield from waiting
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What the parts of a mosaic make together.
+
+    Attributes:
+        layers: By name with unit, (row, column); no number where nothing was seen.
+        rgb: Means of the bands of red, green and blue.
+        seen: Cells with a value.
+        direct: Those into which a pixel fell; the others lie between two lines and were filled.
+        masked: Share of the seen cells in which a band is masked by its noise, by band.
+    """
+
+    layers: dict[str, tuple[Float[np.ndarray, "row column"], str]]
+    rgb: Float[np.ndarray, "row column 3"]
+    seen: Bool[np.ndarray, "row column"]
+    direct: Bool[np.ndarray, "row column"]
+    masked: Float[np.ndarray, " band"]
+
+
+def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float) -> Joined:
+    """Join parts to an ENVI cube, rows at a time, and to layers, which are held.
+
+    Raises:
+        LogError: It cannot be written.
+    """
+    lines, grid = job.calibrated.lines, job.grid
+    bands, names = len(lines.wavelengths), job.layer_names
+    colours = colour_bands(lines.wavelengths)
+    shown = int(np.argmin(np.abs(lines.wavelengths - _SHOWN)))
+    layers = np.full((grid.rows, grid.columns, len(names) + 2), np.nan, np.float32)
+    rgb, dropped = np.full((grid.rows, grid.columns, 3), np.nan, np.float32), np.zeros(bands)
+    cube = EnviCube(cube_path, grid, lines.wavelengths, lines.fwhm, what)
+    try:
+        for row, part in parts.joined(job.numbers, grid, bands, len(names), job.best):
+            seen, sigma = part.weight > 0, np.sqrt(part.variance)
+            value = part.value
+            value[~seen] = np.nan
+            if job.calibrated.has_noise and job.calibrated.correction.model is not None:
+                hidden = masked(value, sigma, smallest_snr)
+                dropped += hidden[seen].sum(axis=0)
+                value[hidden] = np.nan
+            cube.append(value.reshape(-1, grid.columns, bands))
+            rows = slice(row, row + len(value) // grid.columns)
+            rgb[rows] = np.stack([_known_mean(value[:, c]) for c in colours], axis=-1).reshape(-1, grid.columns, 3)
+            layers[rows] = masked_layers(part, sigma[:, shown], grid.columns)
+    finally:
+        cube.close()
+    seen, direct = np.isfinite(layers[..., 0]), np.nan_to_num(layers[..., -2]) > 0
+    units = job.units()
+    named = {name: (layers[..., k], units[name]) for k, name in enumerate([*names, "coverage", "noise"])}
+    return Joined(named, rgb, seen, direct, dropped / max(int(seen.sum()), 1))
+
+
+def _known_mean(values: Float[np.ndarray, "n band"]) -> Float[np.ndarray, " n"]:
+    """Over the bands that are known; no number where none is."""
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)

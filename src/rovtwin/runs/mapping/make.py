@@ -1,0 +1,206 @@
+"""A mosaic from a run and its file of lines: pixels located and corrected, cells joined, files written.
+
+What is broken off, by a kill or a full disk, goes on where it was when the same map is asked for again.
+"""
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from rovtwin._version import __version__
+from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.imaging.files import imager_as_data
+from rovtwin.mapping.georeference import Georeference
+from rovtwin.mapping.gridding import Grid, Parts
+from rovtwin.mapping.mosaic import Job, Joined, join, make_parts
+from rovtwin.mapping.projection import Projection, crs_of, rasterio, utm_of
+from rovtwin.mapping.radiometry import Budget, Calibrated, Correction, Unsure, budget
+from rovtwin.runs.mapping.request import FORMATS, MapRequest, WaterFile
+from rovtwin.runs.mapping.result import CUBE, NOTE, Mosaic
+from rovtwin.runs.mapping.selection import Lines, lines_to_use
+from rovtwin.runs.mapping.sources import Found, find
+from rovtwin.runs.mapping.writing import Made, write_all
+
+_FORMAT = 1  # of what parts are made of: a change that changes them raises it
+_SAMPLED = 24  # lines of which the budget of uncertainty is taken
+_FINEST, _COARSEST = 0.001, 5.0  # cells [m]
+_EVERY = 8  # lines from one whose ends are located, for the mosaic's box, to the next
+
+
+def map_run(
+    run: Path | None,
+    request: MapRequest,
+    out: Path,
+    overwrite: bool = False,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Mosaic:
+    """Make the mosaic.
+
+    Args:
+        run: Folder of the run, or its log; None: the file of lines has navigation, mount and datum.
+        request: What is asked for.
+        out: Folder to make.
+        overwrite: Whether a mosaic that is there may be replaced.
+        progress: Called with what is done, how much of it, and how much there is.
+
+    Raises:
+        ConfigError: Something that is asked for is not there or cannot be, or the disk has no room.
+        LogError: A file cannot be read or written.
+    """
+    begun = time.monotonic()
+    rasterio("rovtwin map")
+    _check(request, out, overwrite)
+    with (found := find(run, request)).lines:
+        job, lines, unsure, remarks = prepare(found)
+        _check_room(out, job, request)
+        out.mkdir(parents=True, exist_ok=True)
+        (out / NOTE).unlink(missing_ok=True)  # a mosaic is whole when its note is there
+        parts = Parts(out / ".parts", key_of(found, job))
+        steps = progress or (lambda what, done, count: None)
+        resumed = make_parts(job, parts, lambda done, count: steps("lines", done, count))
+        counts = parts.notes(job.numbers)
+        steps("joining", 0, 1)
+        snr = found.lines.imager.file.smallest_snr
+        joined = join(job, parts, out / CUBE, _what(found, job), snr)
+        unknown = _budget(found, job, unsure)
+        remarks += lines.remarks + _losses(counts, joined)
+        made = Made(found, job, joined, unknown, remarks, counts, resumed, int(lines.use.sum()))
+        mosaic = write_all(made, out, begun, steps)
+        parts.remove()
+    return mosaic
+
+
+def _check(request: MapRequest, out: Path, overwrite: bool) -> None:
+    if not _FINEST <= request.resolution <= _COARSEST:
+        raise ConfigError(
+            f"--resolution: found {request.resolution:g}, expected metres from {_FINEST:g} to {_COARSEST:g}"
+        )
+    if wrong := [name for name in request.formats if name not in FORMATS]:
+        raise ConfigError(f"--formats: found '{wrong[0]}', expected some of {', '.join(FORMATS)}")
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file, expected a folder to make")
+    if (out / NOTE).exists() and not overwrite:
+        raise ConfigError(f"{out}: holds a mosaic already. Say --overwrite, or another folder")
+    if out.is_dir() and not (out / NOTE).exists() and not (out / ".parts").is_dir() and any(out.iterdir()):
+        raise ConfigError(f"{out}: holds other files; say a folder that is empty or not there")
+
+
+def prepare(found: Found) -> tuple[Job, Lines, WaterFile, list[str]]:
+    """What is to be made of what was found, which lines count, how unsure light and water are, and remarks.
+
+    Raises:
+        ConfigError: Something is missing.
+        LogError: Nothing can be mapped.
+    """
+    request, lines = found.request, found.lines
+    if lines.counts:
+        _ = lines.frames  # named here, before the work, where they are missing
+    t, navigation = found.times, found.navigation
+    chosen = lines_to_use(found)
+    some = t[chosen.use][:: max(1, min(_EVERY, int(chosen.use.sum()) // 50))]
+    ends = slice(0, None, max(lines.shape[1] - 1, 1) // 2 or 1)
+    first = Georeference(lines.imager, found.mount, navigation, found.first_floor())
+    place = _places(first, some, ends)
+    floor, height, remarks = found.floor(place.min(0), place.max(0))
+    georeference = replace(first, floor=floor)
+    place = _places(georeference, some, ends)
+    crs = crs_of(utm_of(found.datum) if request.crs == "utm" else request.crs, "--crs")
+    depth = float(first.floor.depth)  # type: ignore[attr-defined]  # of a level plane
+    projection = Projection.of(found.datum, crs, place.min(0) - 0.2, place.max(0) + 0.2, depth)
+    grid = Grid.over(crs, projection.to_map(place), request.resolution)
+    model, water, words = found.light()
+    height = height if water.height_sd is None else water.height_sd
+    calibrated = Calibrated(lines, Correction(lines.imager, model))
+    job = Job(calibrated, georeference, projection, grid, t, chosen.use, request.best)
+    if navigation.dropped:
+        remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
+    return job, chosen, water.model_copy(update={"height_sd": height}), remarks + words
+
+
+def _places(georeference: Georeference, t: Float[np.ndarray, " n"], pixels: slice) -> Float[np.ndarray, "m 2"]:
+    place = georeference.locate(t, pixels).point[..., :2].reshape(-1, 2)
+    place = place[np.isfinite(place).all(axis=1)]
+    if not len(place):
+        raise LogError("no pixel of any line meets the floor: does the imager look at it, and is its depth right?")
+    return place
+
+
+def _check_room(out: Path, job: Job, request: MapRequest) -> None:
+    """Parts take each cell some three times, the cube once, and as much again for each cube in another format."""
+    bands = len(job.calibrated.lines.wavelengths)
+    cube = 4.0 * job.grid.rows * job.grid.columns * bands
+    size = cube * (1.0 + 2.0 * 1.6 + 2.0 * ("cube" in request.formats) + ("netcdf" in request.formats))
+    there = out.resolve()
+    while not there.exists():
+        there = there.parent
+    free = shutil.disk_usage(there).free
+    if free < size:
+        raise ConfigError(
+            f"{out}: a mosaic of {job.grid.rows} x {job.grid.columns} cells and {bands} bands takes up to "
+            f"{size / 1e9:.1f} GB while it is made, and the disk has {free / 1e9:.1f} GB free. Free some, or say a "
+            "larger --resolution"
+        )
+
+
+def _what(found: Found, job: Job) -> str:
+    correction = job.calibrated.correction
+    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {found.lines.path.name}"
+
+
+def _budget(found: Found, job: Job, water: WaterFile) -> Budget | None:
+    """Of some lines spread over the survey; None for radiances."""
+    if job.calibrated.correction.model is None:
+        return None
+    numbers = np.flatnonzero(job.use)
+    numbers = numbers[np.linspace(0, len(numbers) - 1, min(_SAMPLED, len(numbers))).astype(int)]
+    some = []
+    for number in numbers:
+        located = job.georeference.locate(job.t[number : number + 1])
+        some.append((int(number), located, found.lines.read(number, number + 1)))
+    assert water.height_sd is not None
+    return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd))
+
+
+def _losses(counts: dict[str, int], joined: Joined) -> list[str]:
+    remarks = []
+    if counts.get("saturated"):
+        share = counts["saturated"] / max(counts["samples"], 1)
+        remarks.append(f"{share:.2%} of the counts are full and masked")
+    if counts.get("missed"):
+        remarks.append(f"{counts['missed']} pixels see no floor within reach")
+    filled = int((joined.seen & ~joined.direct).sum())
+    if filled:
+        remarks.append(f"{filled} cells ({filled / max(int(joined.seen.sum()), 1):.1%}) between two lines are filled "
+                       "from their neighbours; their coverage is 0")  # fmt: skip
+    return remarks
+
+
+def key_of(found: Found, job: Job) -> str:
+    """Of all that the parts depend on."""
+    lines, request = found.lines, found.request
+    state = lines.path.stat()
+    digest = hashlib.sha256()
+    settings = {
+        name: str(value)
+        for name, value in asdict(replace(request, imager=None, formats=(), points=None, area=None)).items()
+    }
+    about = [_FORMAT, str(lines.path.resolve()), state.st_size, state.st_mtime_ns, imager_as_data(lines.imager.file)]
+    digest.update(json.dumps([about, settings, job.layer_names], default=str).encode())
+    navigation, mount, grid = job.georeference.navigation, job.georeference.mount, job.grid
+    north = np.linspace(job.projection.low[0], job.projection.high[0], 12)
+    east = np.linspace(job.projection.low[1], job.projection.high[1], 12)
+    floor = job.georeference.floor.depth_and_slope(np.stack(np.meshgrid(north, east), axis=-1))[0]
+    arrays = [job.t, job.use, navigation.t, navigation.position, navigation.quaternion, mount.position, mount.rotation]
+    arrays += [floor, np.array([grid.left, grid.top, grid.cell, grid.rows, grid.columns])]
+    if (model := job.calibrated.correction.model) is not None:
+        arrays += [model.at_fine.absorption, model.at_fine.scattering, np.array([model.surface, model.below])]
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

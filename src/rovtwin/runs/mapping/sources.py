@@ -1,0 +1,278 @@
+"""What a map is made of besides its lines: poses, a floor, light and water; from a run's folder or from files."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import yaml
+from jaxtyping import Float
+
+from rovtwin.core.datum import Datum
+from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.log import Log
+from rovtwin.core.user_files.config import parse, read_yaml
+from rovtwin.imaging.floor import Floor, Plane
+from rovtwin.imaging.imager import Mount, load_imager, mount_of
+from rovtwin.imaging.lines import LinesFile
+from rovtwin.imaging.radiance import Radiometry, fine_wavelengths
+from rovtwin.imaging.spectra.water import SpectralWater
+from rovtwin.mapping.altimeter import Altimeter, Surface, altimeter_hits, surface_through
+from rovtwin.mapping.floors import Elevation, GridFloor, elevation_model
+from rovtwin.mapping.georeference import LONGEST
+from rovtwin.mapping.navigation import Navigation
+from rovtwin.runs.compose.composition import vehicle_of
+from rovtwin.runs.compose.sensors import sensors_of, without_own
+from rovtwin.runs.compose.world import on_world_floor
+from rovtwin.runs.mapping.request import NAVIGATIONS, MapRequest, WaterFile
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.schema import Scenario
+from rovtwin.simulation.imager.radiance import radiometry_of
+from rovtwin.simulation.scene import Scene, scene_from_dict
+
+_REACH = 1.5  # of the floor beyond the pixels' first estimate [m]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A run, its lines, and what is asked of them.
+
+    Attributes:
+        run: Folder of the run, or None where there is only a file of lines.
+        log: Of the run, or None.
+        scenario: Of the run, or None.
+        lines: Open file.
+        request: What is asked for.
+    """
+
+    run: Path | None
+    log: Log | None
+    scenario: Scenario | None
+    lines: LinesFile
+    request: MapRequest
+
+    @cached_property
+    def datum(self) -> Datum:
+        """Where n lies.
+
+        Raises:
+            ConfigError: Nobody says.
+        """
+        datum = self.lines.datum or self.request.datum
+        if datum is None:
+            raise ConfigError(
+                f"{self.lines.path}: says nothing of a datum, the origin of north, east, down. Say --datum "
+                "LATITUDE,LONGITUDE[,HEIGHT]"
+            )
+        return datum
+
+    @cached_property
+    def mount(self) -> Mount:
+        """Where the imager sits: as stated, or truly where the map is made by truth.
+
+        Raises:
+            ConfigError: Nobody says.
+        """
+        if self.by_truth:
+            assert self.lines.truth is not None
+            return self.lines.truth.mount
+        if self.lines.mount is not None:
+            return self.lines.mount
+        if self.scenario is None:
+            raise ConfigError(
+                f"{self.lines.path}: does not say where the imager sits on the vehicle, and there is no run beside it "
+                "whose vehicle file would"
+            )
+        return mount_of(vehicle_of(self.scenario))
+
+    @property
+    def by_truth(self) -> bool:
+        """Whether true poses, times and mount are asked for."""
+        return self.request.navigation == "truth"
+
+    @cached_property
+    def navigation(self) -> Navigation:
+        """Of the vehicle.
+
+        Raises:
+            ConfigError: What is asked for is not there.
+            LogError: It cannot be used.
+        """
+        source = self.request.navigation or self._usual()
+        if source == "lines":
+            return Navigation.of_lines(self.lines)
+        if source == "truth" and self.log is None:
+            truth = self.lines.truth
+            if truth is None:
+                raise ConfigError(f"--navigation truth: {self.lines.path} knows none: an instrument took its lines")
+            return Navigation(truth.t, truth.position, truth.attitude, source="truth")
+        if self.log is None or self.run is None:
+            raise ConfigError(f"--navigation {source}: needs a run; without one there are lines and truth")
+        if source == "smoothed":
+            path = self.run / "smoothed.mcap"
+            if not path.is_file():
+                raise ConfigError(f"{path}: not there; make it first: rovtwin smooth {self.run}")
+            return Navigation.of_log(Log.read(path), "smoothed", str(path))
+        if source not in NAVIGATIONS:
+            raise ConfigError(f"--navigation: found '{source}', expected {', '.join(NAVIGATIONS)}")
+        return Navigation.of_log(self.log, source, str(self.run))
+
+    def _usual(self) -> str:
+        if self.run is None:
+            return "lines"
+        return "smoothed" if (self.run / "smoothed.mcap").is_file() else "estimate"
+
+    @cached_property
+    def times(self) -> Float[np.ndarray, " line"]:
+        """Of the lines on the run's clock [s]."""
+        if self.by_truth:
+            if self.lines.truth is None:
+                raise ConfigError(f"--navigation truth: {self.lines.path} knows none: an instrument took its lines")
+            return self.lines.truth.t
+        return self.lines.t - self.request.clock_offset
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """What a simulation showed the imager, on the run's floor; None for lines of an instrument."""
+        truth = self.lines.truth
+        if truth is None:
+            return None
+        scene = scene_from_dict(yaml.safe_load(truth.scene), f"{self.lines.path.name}: its scene")
+        return scene if self.scenario is None else on_world_floor(scene, self.scenario.world)
+
+    @cached_property
+    def hits(self) -> tuple[Float[np.ndarray, "n 3"], int, float] | None:
+        """Echoes of the altimeter on the floor, n [m], how many were left out, and their noise [m]; None without."""
+        if self.log is None or self.scenario is None:
+            return None
+        fitted = sensors_of(without_own(self.scenario), vehicle_of(self.scenario))
+        for name, sensor in fitted.items():
+            if sensor.kind == "altimeter" and (channel := f"sensor/{name}") in self.log:
+                series = self.log[channel]
+                noise = float(np.max(np.asarray(sensor.noise)))
+                beam = np.asarray(sensor.rotation)[:, 0]
+                at = Altimeter(np.asarray(sensor.lever, float), np.asarray(beam, float), noise)
+                t = series.values[:, -1]  # when the reading was valid
+                return (*altimeter_hits(self.navigation, at, t, series.values[:, 0]), noise)
+        return None
+
+    def first_floor(self) -> Plane:
+        """A level floor, good enough to see how far pixels reach.
+
+        Raises:
+            ConfigError: Nobody knows how deep it is.
+        """
+        if self.request.depth is not None:
+            return Plane(self.request.depth)
+        if self.hits is not None and len(self.hits[0]):
+            return Plane(float(np.median(self.hits[0][:, 2])))
+        if self.lines.truth is not None and np.isfinite(self.lines.truth.floor).any():
+            return Plane(float(np.nanmedian(self.lines.truth.floor)))
+        raise ConfigError("nobody knows how deep the floor is: no altimeter in the run's log. Say --depth METRES")
+
+    def floor(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[Floor, float, list[str]]:
+        """The floor as asked for over a box of north and east [m], the standard deviation of its height, and remarks.
+
+        Raises:
+            ConfigError: It is not there, or does not reach.
+            LogError: There are too few echoes.
+        """
+        asked, low, high = self.request.floor, low - _REACH, high + _REACH
+        if asked == "plane":
+            plane = self._plane()
+            return plane, 0.1, [f"floor: a level plane at {plane.depth:.2f} m"]
+        if asked == "truth":
+            if self.scene is None or self.scene.floor is None:
+                raise ConfigError("--floor truth: the lines are no simulation's")
+            return self.scene.floor, 0.0, []
+        if asked == "altimeter":
+            surface = self.surface(low, high)
+            sigma = float(np.sqrt(np.median(surface.floor.sigma**2)))
+            word = (
+                f"floor: {len(surface.hits)} cells of altimeter echoes ({surface.dropped} echoes left out), height "
+                f"varies by {surface.scale:.2f} m over {surface.length:.1f} m, unsure by {sigma:.3f} m in the middle"
+            )
+            return surface.floor, sigma, [word]
+        found: GridFloor = elevation_model(
+            Path(asked), self.datum, low, high, Elevation(depths=not self.request.heights)
+        )
+        return found, float(found.sigma.mean()), [f"floor: {found.source}"]
+
+    def _plane(self) -> Plane:
+        return self.first_floor()
+
+    def surface(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Surface:
+        """The likeliest floor through the altimeter's echoes.
+
+        Raises:
+            ConfigError: There is no altimeter.
+            LogError: There are too few echoes.
+        """
+        if self.hits is None:
+            raise ConfigError(
+                "--floor altimeter: the run's log has no altimeter. Say --floor plane with --depth, or a file"
+            )
+        hits, dropped, noise = self.hits
+        near = ((hits[:, :2] > low - 2.0) & (hits[:, :2] < high + 2.0)).all(axis=1)
+        return surface_through(hits[near], low, high, noise, dropped)
+
+    def light(self) -> tuple[Radiometry | None, WaterFile, list[str]]:
+        """Lamps and water, how unsure they are, and remarks; None for radiances.
+
+        Raises:
+            ConfigError: The file is wrong, or there is no light at all.
+        """
+        if self.request.radiance:
+            return None, WaterFile.model_validate({}), []
+        imager, asked = self.lines.imager, self.request.water
+        usual = WaterFile.model_validate({})
+        if asked == "truth" or (asked is None and self.scene is not None):
+            if self.scene is None:
+                raise ConfigError("--water truth: the lines are no simulation's; give a file with its constituents")
+            known = usual.model_copy(update={"water_sd": 0.0, "lamps_sd": 0.0})
+            return self._lit(radiometry_of(imager, self.scene.file, LONGEST)), known, ["water and light: the truth"]
+        given = usual if asked is None else parse(WaterFile, read_yaml(asked), Path(asked).name)
+        remarks = ["water: taken for a usual coastal one; say --water for that of the dive"] if asked is None else []
+        water = SpectralWater.of(given.constituents, fine_wavelengths(imager))
+        return self._lit(Radiometry(imager, water, LONGEST, given.daylight)), given, remarks
+
+    def _lit(self, model: Radiometry) -> Radiometry:
+        if not model.imager.file.lamps and model.surface <= 0:
+            raise ConfigError(
+                f"{model.imager.file.name}: has no lamps, and there is no daylight: nobody knows what light the floor "
+                "was in. Add lamps to the imager's file, daylight to --water, or say --radiance"
+            )
+        return model
+
+
+def find(run: Path | None, request: MapRequest) -> Found:
+    """Open what is there.
+
+    Raises:
+        ConfigError: The scenario beside the log is missing or wrong.
+        LogError: A file is missing, damaged, or none of lines.
+    """
+    imager = request.imager
+    lines = LinesFile(request.lines, load_imager(imager) if isinstance(imager, str) else imager)
+    try:
+        if request.datum is not None and lines.datum is None:
+            _dated(lines, request.datum)
+        if run is None:
+            return Found(None, None, None, lines, request)
+        path = run / "log.mcap" if run.is_dir() else run
+        beside = path.with_name("scenario.yaml")
+        if not beside.exists():
+            raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and floor it is of")
+        return Found(path.parent, Log.read(path), load_scenario(beside), lines, request)
+    except BaseException:
+        lines.close()
+        raise
+
+
+def _dated(lines: LinesFile, datum: Datum) -> None:
+    """Give a file of an instrument a place; its clock counts from its first line then."""
+    start = np.datetime64(int(lines.t[0] * 1e3), "ms")
+    lines.datum = Datum(datum.latitude, datum.longitude, datum.height, f"{start}Z")
+    lines.t = lines.t - float(start.astype(np.int64)) * 1e-3
+    if not np.isfinite(lines.t).all():
+        raise LogError(f"{lines.path}: its stamps are no times")

@@ -1,0 +1,290 @@
+"""All files of a mosaic but its cube, and the note that makes it whole."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+from PIL import Image
+
+from rovtwin._version import __version__
+from rovtwin.core.log.files import write_error
+from rovtwin.core.user_files.files import write_text
+from rovtwin.mapping.colours import picture
+from rovtwin.mapping.formats.envi import NO_DATA
+from rovtwin.mapping.formats.geotiff import write_cube, write_layers, write_picture
+from rovtwin.mapping.formats.netcdf import write_netcdf
+from rovtwin.mapping.formats.vectors import polygons, write_geojson, write_immersion
+from rovtwin.mapping.mosaic import Job, Joined
+from rovtwin.mapping.radiometry import Budget
+from rovtwin.report.mapping import figures
+from rovtwin.report.mapping.page import write_map_page
+from rovtwin.report.parts.page import Picture, save
+from rovtwin.report.parts.tables import Table
+from rovtwin.runs.mapping.points import (
+    Agreement,
+    Point,
+    agreement,
+    read_points,
+    usual_points,
+    with_spectra,
+    write_spectra,
+)
+from rovtwin.runs.mapping.result import NOTE, Mosaic
+from rovtwin.runs.mapping.sources import Found
+from rovtwin.survey.area import read_area
+
+_SMALL = 300e6  # bytes of a cube that is written as GeoTIFF unasked
+_WHAT = {
+    "cube.img": "all bands: ENVI, BIL, float32, with header cube.hdr",
+    "cube.tif": "all bands: cloud-optimised GeoTIFF",
+    "mosaic.nc": "all bands and layers: netCDF by the CF conventions",
+    "rgb.tif": "picture: cloud-optimised GeoTIFF with opacity",
+    "rgb.png": "picture",
+    "layers.tif": "coverage, range, incidence, time, depth, noise: cloud-optimised GeoTIFF",
+    "gaps.geojson": "what was not seen inside the area",
+    "navigation.csv": "poses as Immersion reads them",
+    "spectra.csv": "spectra of places",
+    "uncertainty.csv": "how unsure reflectance is by band, and by what",
+    "map.json": "figures, settings, hashes",
+}
+
+
+@dataclass(frozen=True)
+class Made:
+    """What there is to be written.
+
+    Attributes:
+        found: Sources.
+        job: What was done with them.
+        joined: Layers.
+        budget: Of uncertainty; None for radiances.
+        remarks: For people.
+        counts: Of what was left out.
+        resumed: Parts that an earlier, broken call had made.
+        lines_used: How many lines count.
+    """
+
+    found: Found
+    job: Job
+    joined: Joined
+    budget: Budget | None
+    remarks: list[str]
+    counts: dict[str, int]
+    resumed: int
+    lines_used: int
+
+
+def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int, int], None]) -> Mosaic:
+    """Write them; the note comes last.
+
+    Raises:
+        LogError: They cannot be written.
+    """
+    job, found = made.job, made.found
+    about = _about(made)
+    mosaic = Mosaic(out, about)
+    alike = job.calibrated.correction.model is not None
+    rgb = picture(made.joined.rgb, made.joined.seen, alike)
+    progress("writing", 1, 4)
+    _rasters(made, mosaic, rgb)
+    progress("writing", 2, 4)
+    about["figures"]["gaps_m2"] = _vectors(made, out)
+    asked = found.request.points
+    places = (
+        usual_points(mosaic, job.grid, job.projection, made.joined.direct)
+        if asked is None
+        else read_points(asked, found.datum)
+    )
+    scene = None if found.request.radiance else found.scene
+    points = with_spectra(places, mosaic, job.projection, scene)
+    write_spectra(out / "spectra.csv", points, mosaic.wavelengths)
+    agreed = None if scene is None else agreement(mosaic, job.grid, job.projection, scene, made.joined.direct)
+    if agreed is not None:
+        about["figures"] |= {"error_median": agreed.error, "angle_deg": float(np.degrees(agreed.angle))}
+    _uncertainty(made, out, agreed)
+    progress("writing", 3, 4)
+    about["sha256"] = {found.lines.path.name: _digest(found.lines.path)}
+    about["figures"]["seconds"] = time.monotonic() - begun
+    _page(made, mosaic, rgb, points, agreed)
+    try:
+        write_text(out / NOTE, json.dumps(about, indent=1))
+    except OSError as error:
+        raise write_error(out / NOTE, error) from error
+    progress("writing", 4, 4)
+    return mosaic
+
+
+def _about(made: Made) -> dict[str, Any]:
+    found, job, joined = made.found, made.job, made.joined
+    request, lines, grid = found.request, found.lines, job.grid
+    span = joined.layers["range"][0]
+    figures = {
+        "lines": lines.shape[0],
+        "lines_used": made.lines_used,
+        "seen_m2": float(joined.seen.sum()) * grid.cell**2,
+        "range_m": float(np.nanmedian(span)),
+        "pixels_per_cell": float(np.nanmean(joined.layers["coverage"][0])),
+        "masked": float(joined.masked.mean()),
+        "resumed_parts": made.resumed,
+        **{f"pixels_{name}": count for name, count in made.counts.items() if name != "samples"},
+    }
+    settings = {
+        "lines": lines.path.name,
+        "run": None if found.run is None else found.run.resolve().name,
+        "navigation": job.georeference.navigation.source,
+        "floor": request.floor,
+        "resolution_m": request.resolution,
+        "blend": "best" if request.best else "mean",
+        "water": request.water,
+        "turn_deg_s": float(np.degrees(request.turn)),
+        "clock_offset_s": request.clock_offset,
+        "imager": lines.imager.file.name,
+    }
+    return {
+        "rovtwin": __version__,
+        "quantity": job.calibrated.correction.quantity,
+        "unit": job.calibrated.correction.unit,
+        "grid": {
+            "crs": str(grid.crs),
+            "left_m": grid.left,
+            "top_m": grid.top,
+            "cell_m": grid.cell,
+            "rows": grid.rows,
+            "columns": grid.columns,
+        },
+        "datum": json.loads(found.datum.metadata()),
+        "figures": figures,
+        "settings": settings,
+        "remarks": made.remarks,
+        "wavelengths_nm": lines.wavelengths.tolist(),
+        "fwhm_nm": lines.fwhm.tolist(),
+    }
+
+
+def _rasters(made: Made, mosaic: Mosaic, rgb: np.ndarray) -> None:
+    job, out, request = made.job, mosaic.folder, made.found.request
+    lines, grid = made.found.lines, job.grid
+    about = {"quantity": job.calibrated.correction.quantity, "units": job.calibrated.correction.unit}
+    Image.fromarray(rgb, "RGBA").save(out / "rgb.png")
+    write_picture(out / "rgb.tif", grid, rgb)
+    write_layers(out / "layers.tif", grid, made.joined.layers, about)
+    small = 4.0 * grid.rows * grid.columns * len(lines.wavelengths) <= _SMALL
+    if "cube" in request.formats or ("cog" in request.formats and small):
+        write_cube(out / "cube.tif", grid, mosaic.cube, lines.wavelengths, lines.fwhm, NO_DATA, about)
+    if "netcdf" in request.formats:
+        what, bands = job.calibrated.correction, (lines.wavelengths, lines.fwhm)
+        layers = made.joined.layers
+        write_netcdf(out / "mosaic.nc", grid, mosaic.cube, bands, (what.quantity, what.unit), layers, NO_DATA, about)
+
+
+def _vectors(made: Made, out: Path) -> float:
+    """Gaps and navigation; how large all gaps are [m2]."""
+    job, found = made.job, made.found
+    inside = area_mask(made)
+    features = polygons(inside & ~made.joined.seen, job.grid)
+    total = float(sum(feature["properties"]["area_m2"] for feature in features))
+    write_geojson(out / "gaps.geojson", features, name="gaps", area_m2=total)
+    navigation = job.georeference.navigation
+    depth = job.georeference.floor.depth_and_slope(navigation.position[:, :2])[0] - navigation.position[:, 2]
+    write_immersion(out / "navigation.csv", navigation, found.datum, job.projection, depth)
+    return total
+
+
+def area_mask(made: Made) -> Bool[np.ndarray, "row column"]:
+    """Cells of the area that was to be seen: of a file, else the hull of what was seen."""
+    from rasterio.features import rasterize
+
+    job, request = made.job, made.found.request
+    if request.area is not None:
+        shape = read_area(request.area, made.found.datum).shape
+        rings = [
+            [job.projection.to_map(np.array(ring.coords)).tolist() for ring in (part.exterior, *part.interiors)]
+            for part in shape.geoms
+        ]
+    else:
+        from scipy.spatial import ConvexHull
+
+        rows, columns = np.nonzero(made.joined.seen)
+        xy = np.column_stack([job.grid.x[columns], job.grid.y[rows]])
+        hull = xy[ConvexHull(xy).vertices] if len(xy) > 3 and np.ptp(xy, axis=0).min() > 0 else xy[:1].repeat(3, 0)
+        rings = [[[*hull.tolist(), hull[0].tolist()]]]
+    shapes = [{"type": "Polygon", "coordinates": one} for one in rings]
+    return np.asarray(rasterize(shapes, job.grid.shape, transform=job.grid.transform, dtype="uint8")) > 0
+
+
+def _uncertainty(made: Made, out: Path, agreed: Agreement | None) -> None:
+    if made.budget is None:
+        return
+    b = made.budget
+    columns = {
+        "wavelength_nm": b.wavelengths,
+        "noise_of_a_pixel": b.noise,
+        "height": b.height,
+        "water": b.water,
+        "lamps": b.lamps,
+        "masked_share": made.joined.masked,
+    }
+    if agreed is not None:
+        columns |= {"error_made": agreed.by_band, "bias_made": agreed.bias}
+    rows = [",".join(f"{x:.6g}" if np.isfinite(x) else "" for x in row) for row in np.column_stack([*columns.values()])]
+    try:
+        write_text(out / "uncertainty.csv", "\n".join([",".join(columns), *rows]) + "\n")
+    except OSError as error:
+        raise write_error(out / "uncertainty.csv", error) from error
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agreed: Agreement | None) -> None:
+    job, out, grid = made.job, mosaic.folder, made.job.grid
+    bottom = grid.top - grid.rows * grid.cell
+    sheet = figures.Sheet(rgb, grid.left, bottom, grid.cell, str(grid.crs))
+    spectra = []
+    for point in points:
+        x, y = job.projection.to_map(point.place) - [grid.left, bottom]
+        spectra.append(figures.Spectrum(point.name, (float(x), float(y)), point.value, point.spread, point.truth))
+    navigation = job.georeference.navigation
+    way = job.projection.to_map(navigation.position[:, :2])
+    what = job.calibrated.correction
+    pictures: list[Picture] = [
+        save(
+            figures.picture(sheet, spectra, [way]), out, "rgb", "The mosaic",
+            f"Means of {what.quantity} in red (590-660 nm), green (520-580 nm) and blue (445-500 nm), one scale for "
+            "all. White line: the vehicle's way. Letters: places of the spectra below.",
+        ),
+        save(figures.spectra(mosaic.wavelengths, spectra, what.quantity, what.unit), out, "spectra",
+             "Spectra of places", "Means over 8 cm; bands that noise hides are left out."),
+        save(figures.layers(sheet, _panels(made)), out, "layers", "Coverage and geometry",
+             "Pixels a cell, way through the water, angle at the floor, and what else was asked for."),
+    ]  # fmt: skip
+    if made.budget is not None:
+        b = made.budget
+        parts = {"noise of a pixel": b.noise, "floor's height": b.height, "water": b.water, "lamps": b.lamps}
+        shown = figures.budget(b.wavelengths, parts, None if agreed is None else agreed.by_band, made.joined.masked)
+        pictures.append(
+            save(shown, out, "uncertainty", "How sure reflectance is",
+                 "By band: standard deviations as stated for water and lamps, as found for noise and the floor's "
+                 "height. Below: share of cells in which noise is more than a fifth of the signal, or of 5 %.")
+        )  # fmt: skip
+    rows = [[label, _shown(value), unit] for label, value, unit in mosaic.figures_table()]
+    files = {name: what for name, what in _WHAT.items() if (out / name).exists() or name == NOTE}
+    title = f"Mosaic of {made.found.lines.path.name}"
+    write_map_page(out, title, Table("", ["", "", ""], rows), made.remarks, pictures, files)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _panels(made: Made) -> dict[str, tuple[np.ndarray, str]]:
+    shown = {name: layer for name, layer in made.joined.layers.items() if name not in ("time",)}
+    return {"coverage": shown.pop("coverage"), **shown}

@@ -1,0 +1,232 @@
+"""Mosaics of runs: a planted plate is where it lies and as bright as it is; broken off, it goes on; what is wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import rasterio
+import yaml
+from tests.imaging.helper import imager
+from typer.testing import CliRunner
+
+import rovtwin
+from rovtwin.cli import app
+from rovtwin.core.datum import Datum
+from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.log import Channel, Log
+from rovtwin.imaging import lines as layout
+from rovtwin.mapping.projection import project
+from rovtwin.runs.mapping.make import map_run
+from rovtwin.runs.mapping.request import MapRequest
+from rovtwin.runs.mapping.result import Mosaic
+from rovtwin.runs.recording.channels import ETA, ETA_UNITS
+from rovtwin.runs.recording.scan import ScanRequest, scan_run
+from rovtwin.scenario.files import dump_scenario, load_scenario
+
+ROOT = Path(__file__).parents[3]
+DATUM = Datum(59.0, 5.0, 40.0, "2024-05-01T08:00:00Z")
+PLATE = np.array([0.55, 1.0])  # its middle, north and east [m]
+SIDE = 0.24
+pytestmark = pytest.mark.system  # scans and maps
+
+
+def recorded(folder):
+    """A run of 6 s at 0.2 m/s over a level floor, as if it had been flown, with an altimeter."""
+    t = np.arange(0.0, 6.05, 0.1)
+    roll = 0.03 * np.sin(1.3 * t)
+    eta = np.column_stack([0.2 * t, 1.0 + 0 * t, 3.3 + 0.02 * np.sin(t), roll, 0.02 * np.cos(t), 0.1 + 0 * t])
+    names = ("truth/eta", "autopilot/eta")
+    values = {name: (t, eta + [off, 0, 0, 0, 0, 0]) for name, off in zip(names, (0.0, 0.05), strict=True)}
+    channels = [Channel(name, ETA, ETA_UNITS, "n") for name in names]
+    channels.append(Channel("sensor/altimeter", ("range", "t_valid"), ("m", "s"), "sensor"))
+    high = (5.0 - eta[:, 2]) / (np.cos(eta[:, 3]) * np.cos(eta[:, 4]))
+    values["sensor/altimeter"] = (t, np.column_stack([high, t]))
+    Log.from_arrays(channels, values, {"datum": DATUM.metadata()}).write(folder / "log.mcap")
+    scenario = load_scenario("lawnmower_calm", ["world.floor=5", "sensors={altimeter: true}"])
+    (folder / "scenario.yaml").write_text(dump_scenario(scenario))
+    plate = {"name": "plate", "plane": [SIDE, SIDE], "pose": {"position": [*PLATE.tolist(), 4.9999]}}
+    scene = {
+        "name": "flat",
+        "water": {"constituents": {"cdom_440": 0.12, "scattering_550": 0.17}},
+        "bottom": {"depth": 5.0, "surface": {"material": "mud"}},
+        "objects": [plate | {"surface": {"material": "grey_20"}}],
+        "light": {"surface": 0.0},
+    }
+    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = recorded(tmp_path_factory.mktemp("run"))
+    request = ScanRequest(imager(pixels=120), str(folder / "scene.yaml"), navigation="truth")
+    scan_run(folder, request, folder / "lines.h5")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def by_truth(run):
+    request = MapRequest(
+        run / "lines.h5", "truth", "truth", resolution=0.02, formats=("envi", "cog", "netcdf"), turn=1.0
+    )
+    return map_run(run, request, run / "truth")
+
+
+def bright(mosaic):
+    """Map coordinates of the cells of the plate, and the reflectance of each band there."""
+    values = np.moveaxis(np.array(mosaic.cube), 1, -1)
+    with np.errstate(invalid="ignore"):
+        on = np.where(values > -1.0, values, np.nan)[..., 2] > 0.15
+    grid = mosaic.about["grid"]
+    rows, columns = np.nonzero(on)
+    xy = np.column_stack([grid["left_m"] + 0.02 * (columns + 0.5), grid["top_m"] - 0.02 * (rows + 0.5)])
+    return xy, values[on]
+
+
+def test_a_plate_is_where_it_lies_to_a_tenth_of_a_cell_and_as_bright_as_it_is(by_truth):
+    xy, values = bright(by_truth)
+    middle = project(DATUM, rasterio.crs.CRS.from_user_input("EPSG:32632"), np.array([[*PLATE, 5.0]]))[0]
+    assert by_truth.about["grid"]["crs"] == "EPSG:32632"
+    assert np.abs(xy.mean(0) - middle).max() < 0.1 * 0.02
+    assert len(xy) == pytest.approx((SIDE / 0.02) ** 2, rel=0.1)
+    inside = np.linalg.norm(xy - middle, axis=1) < 0.08
+    assert np.abs(values[inside].mean(0) / 0.2 - 1.0).max() < 0.05
+    assert by_truth.about["figures"]["error_median"] < 0.05
+    assert np.nanmedian(by_truth.spectrum(*middle)) == pytest.approx(0.2, rel=0.05)
+
+
+def test_estimates_move_it_as_they_are_off_and_the_altimeter_gives_the_floor(run, tmp_path):
+    found = map_run(run, MapRequest(run / "lines.h5", "estimate", resolution=0.02, turn=1.0), tmp_path / "m")
+    xy, values = bright(found)
+    middle = project(DATUM, rasterio.crs.CRS.from_user_input("EPSG:32632"), np.array([[*(PLATE + [0.05, 0.0]), 5.0]]))
+    assert np.abs(xy.mean(0) - middle[0]).max() < 0.01 and "altimeter echoes" in " ".join(found.remarks())
+    assert np.abs(np.median(values, axis=0) / 0.2 - 1.0).max() < 0.08
+
+
+def test_all_files_are_there_and_open(by_truth):
+    folder = by_truth.folder
+    names = {"cube.img", "cube.hdr", "cube.tif", "layers.tif", "rgb.tif", "rgb.png", "mosaic.nc", "gaps.geojson"}
+    names |= {"navigation.csv", "spectra.csv", "uncertainty.csv", "map.json", "report.html", "figures"}
+    assert {path.name for path in folder.iterdir()} == names
+    for name in ("cube.img", "cube.tif", "layers.tif", "rgb.tif"):
+        with rasterio.open(folder / name) as file:
+            assert file.crs.to_epsg() == 32632 and file.shape == by_truth.shape[:2]
+    with netCDF4.Dataset(folder / "mosaic.nc") as file:
+        assert file["wavelength"][:].tolist() == by_truth.about["wavelengths_nm"]
+    again = Mosaic.read(folder)
+    assert again.about == by_truth.about and repr(again).startswith("<Mosaic: ")
+    assert len(again.about["sha256"]["lines.h5"]) == 64
+    found = again.to_xarray()
+    assert found["reflectance"].dims == ("wavelength", "y", "x") and found["range"].attrs["units"] == "m"
+    assert len(again.summary()) > 4 and again.plot().images
+    page = (folder / "report.html").read_text()
+    assert "The mosaic" in page and "Spectra of places" in page and "layers.tif" in page
+
+
+def test_killed_it_goes_on_to_the_same_mosaic(run, by_truth, tmp_path):
+    out = tmp_path / "m"
+    code = (
+        "import time; from pathlib import Path; from rovtwin.runs.mapping import make; "
+        "from rovtwin.runs.mapping.request import MapRequest\n"
+        "def slow(what, done, count):\n    time.sleep(60 if done == 1 and what == 'lines' else 0)\n"
+        f"run = Path({str(run)!r})\n"
+        "request = MapRequest(run / 'lines.h5', 'truth', 'truth', resolution=0.02, "
+        "formats=('envi', 'cog', 'netcdf'), turn=1.0)\n"
+        f"make.map_run(run, request, Path({str(out)!r}), progress=slow)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, env=os.environ | {"PYTHONPATH": "src:."})
+    until = time.monotonic() + 120.0
+    while not (out / ".parts" / "part_00000").is_dir():
+        assert process.poll() is None and time.monotonic() < until
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (out / "map.json").exists()
+    request = MapRequest(
+        run / "lines.h5", "truth", "truth", resolution=0.02, formats=("envi", "cog", "netcdf"), turn=1.0
+    )
+    found = map_run(run, request, out)
+    assert found.about["figures"]["resumed_parts"] >= 1
+    assert (out / "cube.img").read_bytes() == (by_truth.folder / "cube.img").read_bytes()
+    assert not (out / ".parts").exists()
+
+
+def test_places_are_those_of_a_file(run, tmp_path):
+    (tmp_path / "p.csv").write_text("name,north,east\nplate,0.55,1.0\nfar away,50,50\n")
+    request = MapRequest(run / "lines.h5", "truth", "plane", 5.0, resolution=0.05, points=tmp_path / "p.csv", turn=1.0)
+    map_run(run, request, tmp_path / "m")
+    rows = (tmp_path / "m" / "spectra.csv").read_text().splitlines()
+    assert rows[0].split(",")[:4] == ["wavelength_nm", "plate", "plate sd", "plate truth"]
+    first = rows[2].split(",")
+    assert float(first[1]) == pytest.approx(float(first[3]), rel=0.06) and first[4] == ""
+
+
+BAD = [
+    ({"resolution": 1e-5}, ConfigError, "--resolution: found 1e-05"),
+    ({"resolution": 0.02, "crs": "EPSG:4326"}, ConfigError, "no coordinates in metres"),
+    ({"floor": "none.tif"}, ConfigError, "none.tif: cannot be read"),
+    ({"navigation": "smoothed"}, ConfigError, "rovtwin smooth"),
+    ({"navigation": "gps"}, ConfigError, "expected smoothed, estimate, truth, lines"),
+    ({"begin": 900.0}, LogError, "no line of .* can be placed"),
+    ({"clock_offset": 1e4}, LogError, "--clock-offset"),
+    ({"water": "nothing.yaml"}, ConfigError, "nothing.yaml"),
+    ({"formats": ("envi", "shape")}, ConfigError, "--formats: found 'shape'"),
+    ({"lines": Path("none.h5")}, LogError, "none.h5: cannot be read"),
+]
+
+
+@pytest.mark.parametrize(("changed", "kind", "message"), BAD, ids=[str(b[0]) for b in BAD])
+def test_what_is_wrong_is_named_and_nothing_is_left_behind(run, tmp_path, changed, kind, message):
+    with pytest.raises(kind, match=message):
+        map_run(run, replace(MapRequest(run / "lines.h5", turn=1.0), **changed), tmp_path / "m")
+    assert not (tmp_path / "m").exists()
+
+
+def test_a_folder_that_is_somebodys_is_left_alone(run, by_truth, tmp_path):
+    request = MapRequest(run / "lines.h5")
+    with pytest.raises(ConfigError, match="holds a mosaic already"):
+        map_run(run, request, by_truth.folder)
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(ConfigError, match="holds other files"):
+        map_run(run, request, tmp_path)
+
+
+def test_lines_of_an_instrument_without_a_run_need_a_depth_and_a_datum(run, tmp_path):
+    real = tmp_path / "real.h5"
+    real.write_bytes((run / "lines.h5").read_bytes())
+    with netCDF4.Dataset(real, "a") as file:
+        file["rovtwin/truth"].renameVariable("t", "other")
+        file[layout.OWN].renameVariable("datum", "elsewhere")
+    alone = MapRequest(real, resolution=0.05, turn=1.0, radiance=True, floor="plane")
+    with pytest.raises(ConfigError, match="nobody knows how deep"):
+        map_run(None, replace(alone, datum=DATUM), tmp_path / "m")
+    with pytest.raises(LogError, match="datum"):
+        map_run(None, replace(alone, depth=5.0), tmp_path / "m")
+    found = rovtwin.map(
+        None, real, tmp_path / "m", resolution=0.05, turn=1.0, radiance=True, floor="plane", depth=5.0, datum=DATUM
+    )
+    assert found.about["quantity"] == "radiance" and found.about["figures"]["seen_m2"] > 0.8
+    assert found.about["figures"].get("error_median") is None
+
+
+def test_the_command_makes_a_mosaic_and_says_what_is_in_it(run, tmp_path):
+    words = ["map", run, "--lines", run / "lines.h5", "-o", tmp_path / "m", "--resolution", "0.05", "--max-turn", "50"]
+    done = CliRunner().invoke(app, [*[str(word) for word in words], "--json"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["seen_m2"] > 0.8 and found["out"] == str(tmp_path / "m") and found["notes"]
+    for more, message in (
+        (["--blend", "all"], "expected best or mean"),
+        (["--datum", "63"], "LATITUDE,LONGITUDE"),
+        (["--radiance", "--water", "x.yaml"], "takes no water off"),
+    ):
+        bad = CliRunner().invoke(app, [*[str(word) for word in words], "--overwrite", *more])
+        assert isinstance(bad.exception, ConfigError) and message in str(bad.exception)
