@@ -6,8 +6,8 @@ there is nothing to see:
 
     u(x) = common + v(x),    cov(v(x), v(y)) = s^2 exp(-|x - y| / L)
 
-s is what the mosaics state as their errors within themselves. The covariances of patches are scaled by how the patches
-disagree with the field, and a patch that disagrees alone is dropped.
+s is what the mosaics state as their errors within themselves, or less where the patches agree better with each other than
+that. The covariances of patches are enlarged where they agree less, and a patch that disagrees alone is dropped.
 
 Reference: Lewis (1995), Fast normalized cross-correlation; Rasmussen and Williams (2006), Gaussian Processes, ch. 2.
 """
@@ -27,6 +27,7 @@ _LEAST_SCORE, _LEAST_SEEN = 0.5, 0.7
 _COARSE = 4  # cells that the first, wide search takes together
 _MOST = 1500  # patches in the field
 _DROPPED = 4.0  # standard deviations beyond which a patch is no match
+_ROUNDS = 30
 _COMMON = 1.0  # sd of the common displacement before anything is seen [m]
 
 
@@ -193,23 +194,25 @@ def _spread(image: np.ndarray, size: int) -> Float[np.ndarray, "row column"]:
 
 
 def _field(found: Matches, shape: tuple[int, ...], cell: float, within: float) -> Displacement:
-    """Gaussian process through the patches; those that disagree are dropped, widths scaled to how the rest agrees."""
+    """Gaussian process through the patches: each is predicted by the others as well as the widths say, or is dropped."""
     if len(found.score) > _MOST:
         found = _taken(found, np.sort(np.argsort(-found.score)[:_MOST]))
-    scale, dropped = 1.0, 0
-    while True:
+    scale, dropped, stated = 1.0, 0, within
+    for _ in range(_ROUNDS):
         K = _kernel(found.place, found.place, cell, within)
         solved = [_Solved.of(K, found.variance[:, k] * scale**2, found.shift[:, k]) for k in (0, 1)]
         worst = np.max(np.abs([one.left_out for one in solved]), axis=0)
-        wider = scale * max(float(np.median(np.abs([one.left_out for one in solved]))) / 0.6745, 1.0)
-        out = worst > _DROPPED
-        if wider > 1.05 * scale:
-            scale = wider
-        elif out.any() and (~out).sum() >= 3:
+        fits = float(np.median(np.abs([one.left_out for one in solved]))) / 0.6745
+        if fits > 1.05:
+            scale *= fits
+        elif fits < 0.95 and within > 0.1 * stated:
+            within *= max(fits, 0.5)
+        elif (out := worst > _DROPPED).any() and (~out).sum() >= 3:
             dropped += int(out.sum())
             found = _taken(found, np.flatnonzero(~out))
         else:
-            return _spread_out(found, solved, shape, cell, within, dropped, scale)
+            break
+    return _spread_out(found, solved, shape, cell, within, dropped, scale)
 
 
 def _kernel(a: np.ndarray, b: np.ndarray, cell: float, within: float) -> Float[np.ndarray, "n m"]:
