@@ -20,6 +20,7 @@ from rovtwin.campaign.tuning.cost import Cost
 from rovtwin.campaign.tuning.parameters import chosen, start_of
 from rovtwin.campaign.tuning.result import Judged, Tuned, TuningRequest
 from rovtwin.campaign.tuning.search import Search
+from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.core.notebook import Result
 from rovtwin.gnc.navigation.smoother import Smoothed
 from rovtwin.identification.experiment.choice import Expected
@@ -59,7 +60,13 @@ def planned():
 def smoothed():
     n = 40
     shapes = {"eta": 6, "nu": 6, "std": 9, "filtered": 6}
-    track = Smoothed(0.02 * np.arange(n), *(RNG.uniform(0.1, 1.0, (n, m)) for m in shapes.values()))
+    keys = KeyFrames(
+        *(RNG.uniform(0.1, 1.0, shape) for shape in ((2,), (2, 3), (2, 4), (1, 31, 31), (2, 31, 31), (6, 31))),
+        ("attitude.heading",),
+        *(RNG.uniform(0.1, 1.0, shape) for shape in ((2, 6, 1), (1,), (1,), (1, 1), (1,))),
+    )
+    arrays = (RNG.uniform(0.1, 1.0, (n, m)) for m in shapes.values())
+    track = Smoothed(0.02 * np.arange(n), *arrays, RNG.uniform(0.1, 1.0, (n, 6, 6)), keys)
     return SmoothedRun(track, _log_of(track, rovtwin.Log({}, {"version": "0"})), RNG.uniform(size=(2, 2)))
 
 

@@ -1,4 +1,4 @@
-"""The pictures of docs/survey.md: a planned survey, and one as the twin flew it.
+"""The pictures of docs/survey.md: a planned survey, the error of its mosaic, and one survey as the twin flew it.
 
 python docs/scripts/survey.py [--out docs/figures] [--fly]
 """
@@ -10,6 +10,8 @@ import numpy as np
 import shapely
 
 from rovtwin.planning.survey import SurveyRequest, lay_out, survey_picture
+from rovtwin.planning.survey_prediction import mosaic_picture, predict
+from rovtwin.planning.survey_request import MapRequest
 from rovtwin.runs.fly import fly
 from rovtwin.survey.room import Swath
 
@@ -25,6 +27,10 @@ def main():
     survey_picture(lay_out(SurveyRequest(EXAMPLES / "area.geojson", Swath(1.2)))).savefig(
         asked.out / "survey_plan.png", dpi=100
     )
+    for_map = MapRequest("uhi", 0.3)
+    survey = lay_out(SurveyRequest(EXAMPLES / "pool.yaml", None, altitude=1.5, floor=5.0, inside=True,
+                                   overrides=("sensors.dvl=true",), mapping=for_map))  # fmt: skip
+    mosaic_picture(survey, predict(survey)).savefig(asked.out / "survey_sigma.png", dpi=100)
     if asked.fly:
         compare(lay_out(SurveyRequest(EXAMPLES / "pool.yaml", Swath(1.6), inside=True)))
 

@@ -366,7 +366,7 @@ def map(
     from rovtwin.runs.mapping.request import MapRequest
 
     _known(settings, MapRequest)
-    for name in ("area", "points"):
+    for name in ("area", "points", "control"):
         if settings.get(name) is not None:
             settings[name] = Path(settings[name])
     request = MapRequest(Path(lines), **settings)

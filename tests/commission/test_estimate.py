@@ -58,7 +58,7 @@ def test_a_doubt_stops_and_says_what_would_help(predicted, doubt, fix):
 
 
 @pytest.mark.parametrize(("link", "count"), [("twin://", 0), ("blueye://127.0.0.2", 1)])
-def test_over_a_link_thrusters_are_said_to_include_the_firmware(predicted, link, count):
+def test_over_a_link_thrusters_include_the_firmware(predicted, link, count):
     checks = [str(one) for one in estimate._about(shown(predicted), True, link)]
     assert sum("own firmware" in line for line in checks) == count
 

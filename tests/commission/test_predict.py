@@ -100,10 +100,12 @@ def test_corners_move_inwards_where_drawn_flights_come_near_a_wall(monkeypatch, 
 
 
 def test_a_page_says_how_many_samples_there_are_and_how_many_count():
-    good = Held("north", 0.93, 760, 19.4, (0.8, 1.0), 0.3, 0.4)
+    good = Held("north", 0.93, 760, 19.4, (0.8, 1.0), 0.3, 0.4, 0.003)
     line = predict._path(good)
     assert line.verdict == "ok" and "93.0 % of 760 samples" in line.text and "as good as 19 independent" in line.text
-    bad = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 15.0))
+    near = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 5.0, 0.03))
+    assert near.verdict == "warning" and "0.03 m, 5.0 half-widths" in near.text and "dead zone" in near.fix
+    bad = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 15.0, 0.06))
     assert bad.verdict == "stop" and "15.0 half-widths" in bad.text and bad.fix
 
 

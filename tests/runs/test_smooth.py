@@ -5,6 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
+from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.log import Log
@@ -59,7 +60,12 @@ def test_the_command_writes_a_log_and_overwrites_nothing(run):
     data = CliRunner().invoke(app, ["smooth", str(run), "--json"])
     assert data.exit_code == 0 and '"smoothed_rms_m"' in data.output
     log = Log.read(run / "smoothed.mcap")
-    assert {"smoothed/eta", "smoothed/nu", "smoothed/std"} <= set(log)
+    assert {"smoothed/eta", "smoothed/nu", "smoothed/std", "smoothed/covariance"} <= set(log)
+    keys = KeyFrames.load(run / "smoothed_keys.nc")
+    assert keys.constants == ("attitude.heading",)
+    variance = np.diag(keys.joint()[:-1, :-1]).reshape(-1, 6)
+    at = np.searchsorted(log["smoothed/std"].t, keys.t - 1e-9)
+    np.testing.assert_allclose(np.sqrt(variance), log["smoothed/std"].values[at, :6], rtol=1e-6)
     with pytest.raises(ConfigError, match="smoothed.mcap"):
         CliRunner().invoke(app, ["smooth", str(run)], catch_exceptions=False, standalone_mode=False)
 
@@ -101,3 +107,31 @@ def test_over_whole_missions_the_error_is_two_thirds_of_the_filters_at_most(name
         errors.append(smooth_run(tmp_path / str(seed)).errors)
     rms = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))
     assert rms[1] < 0.65 * rms[0]
+
+
+@pytest.mark.slow
+def test_a_compass_that_is_off_is_in_the_covariance_and_is_found(tmp_path):
+    """One degree put into the compass's readings of a flight with a Doppler log: the track turns against positions."""
+    folder, off = tmp_path / "run", np.radians(1.0)
+    fly(load_scenario("lawnmower_calm_dvl", ["autopilot=model_based"], seed=4), folder)
+    log = Log.read(folder / "log.mcap")
+    data = {name: (log[name].t, log[name].values.copy()) for name in log}
+    data["sensor/attitude"][1][:, 2] += off
+    (folder / "log.mcap").unlink()
+    channels = [log.channels[name] for name in log]
+    Log.from_arrays(channels, data, log.metadata).write(folder / "log.mcap")
+    truth = log["truth/eta"]
+
+    def nees(smoothed):
+        track = smoothed.track
+        at = np.clip(np.searchsorted(track.t, truth.t - 1e-9), 0, len(track.t) - 1)
+        e, P = (track.eta[at] - truth.values)[:, :2], track.covariance[at][:, :2, :2]
+        late = truth.t > SETTLED
+        return np.mean(np.einsum("ni,nij,nj->n", e, np.linalg.inv(P), e)[late])
+
+    trusting = smooth_run(folder, {"heading": 0.0, "dvl_yaw": 0.0, "dvl_scale": 0.0})
+    doubting = smooth_run(folder)
+    keys = doubting.track.keys
+    assert nees(trusting) > 15.0 and nees(doubting) < 6.0
+    assert abs(keys.constants_value[0] - off) < 3.0 * np.sqrt(keys.constants_covariance[0, 0])
+    assert (keys.nonlinearity < 0.05).all()

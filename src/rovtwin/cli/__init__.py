@@ -9,6 +9,7 @@ import typer
 from rovtwin.cli.cameras.calibrate import calibrate
 from rovtwin.cli.cameras.map import map_lines
 from rovtwin.cli.cameras.markers import markers
+from rovtwin.cli.cameras.photos import photos
 from rovtwin.cli.cameras.render import render
 from rovtwin.cli.cameras.scan import scan
 from rovtwin.cli.cameras.track import track
@@ -74,6 +75,7 @@ app.command()(markers)
 app.command()(render)
 app.command()(track)
 app.command()(scan)
+app.command()(photos)
 app.command("map")(map_lines)
 app.command()(smooth)
 app.command()(watch)

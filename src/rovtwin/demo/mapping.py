@@ -54,14 +54,16 @@ def run_map_demo(
     write_survey(lay_out(request), survey)
     flight = fly(load_scenario(survey), folder / "run")
     say("smoothing the track")
-    smooth_run(folder / "run").log.write(folder / "run" / "smoothed.mcap", overwrite=True)
+    smoothed = smooth_run(folder / "run")
+    smoothed.log.write(folder / "run" / "smoothed.mcap", overwrite=True)
+    smoothed.track.keys.save(folder / "run" / "smoothed_keys.nc", overwrite=True)
     say("scanning: what the imager would have recorded")
     file = load_imager_file("uhi")
     imager = Imager(file.model_copy(update={"exposure": EXPOSURE}))
     lines = folder / "lines.h5"
     scan_run(folder / "run", ScanRequest(imager, "shoal"), lines, overwrite=True)
     say("making the mosaic")
-    asked = MapRequest(lines, area=area)
+    asked = MapRequest(lines, area=area, calibrated=True)  # the imager sits where its file says
     mosaic = map_run(folder / "run", replace(asked, formats=("envi", "cog")), folder / "mosaic", overwrite=True)
     return {
         "completed": flight.completed,

@@ -53,7 +53,8 @@ class Georeference:
     floor: Floor
 
     @cached_property
-    def _bundle(self) -> tuple[np.ndarray, np.ndarray]:
+    def bundle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where each pixel's ray enters the water, and its direction there, in s: see `Imager.rays`."""
         return self.imager.rays()
 
     def rays(
@@ -63,7 +64,7 @@ class Georeference:
         of projection (line, 3); R_ns (line, 3, 3); and which lines have a pose (line,).
         """
         poses = self.navigation.at(np.asarray(t, float))
-        point, direction = (x[pixels] for x in self._bundle)
+        point, direction = (x[pixels] for x in self.bundle)
         R_ns = poses.rotation @ self.mount.rotation
         position = poses.position + poses.rotation @ self.mount.position
         turned = np.swapaxes(R_ns, -1, -2)

@@ -165,7 +165,9 @@ def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float
             value = part.value
             value[~seen] = np.nan
             if job.calibrated.has_noise and job.calibrated.correction.model is not None:
-                hidden = masked(value, sigma, smallest_snr)
+                wide = (-1, grid.columns, bands)
+                cells = (value.reshape(wide), sigma.reshape(wide), seen.reshape(wide[:2]))
+                hidden = masked(*cells, smallest_snr).reshape(value.shape)
                 dropped += hidden[seen].sum(axis=0)
                 value[hidden] = np.nan
             cube.append(value.reshape(-1, grid.columns, bands))

@@ -10,32 +10,33 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.user_files.config import parse
 from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
+from rovtwin.planning.survey_imaging import Imaging, imaging_of
+from rovtwin.planning.survey_place import altitude_of, clearance_of, datum_from, depth_of, eye_of
 from rovtwin.planning.survey_request import SurveyRequest, refuse_doubles
+from rovtwin.planning.survey_scenario import scenario_of
 from rovtwin.report.plans.survey import SurveyPicture, draw_survey
 from rovtwin.runs.compose.fitting import own_values
 from rovtwin.runs.compose.sensors import measures
 from rovtwin.runs.limits import Limits
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.mission import LONGEST
-from rovtwin.survey.area import read_area
+from rovtwin.survey.area import Area, read_area
+from rovtwin.survey.crosshatch import crosshatched
 from rovtwin.survey.energy import Budget, budget
+from rovtwin.survey.fill import plan_fill, read_gaps
 from rovtwin.survey.offset import corners_of_co
 from rovtwin.survey.pace import Pace, line_speed
 from rovtwin.survey.plan import SurveyPlan, plan_survey
-from rovtwin.vehicle import Model, Vehicle, load_vehicle
-from rovtwin.vehicle.description.totals.assembly import Mounted
+from rovtwin.survey.room import Swath
+from rovtwin.vehicle import Model, load_vehicle
 
 MARGIN = 1.5  # between hull and obstacle, in acceptances: twice the cross-track rms of docs/scenarios.md
 SETTLING = 2.0  # at speed before a line, in time constants 1/w of the vehicle's control
 UNNOTICED = 1e-3  # way of an imager from the vehicle's origin [m]
-PATIENCE = 1.5  # share of the planned time after which a flight is given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,8 @@ class Survey:
         clearance: From holes [m].
         depth: Of the lines [m].
         remarks: What the user should know before flying it.
+        imaging: Of the imager; None where only a swath is known.
+        around: The area that gaps lie in, where only these are flown; else None.
     """
 
     request: SurveyRequest
@@ -59,13 +62,16 @@ class Survey:
     clearance: float
     depth: float
     remarks: list[str]
+    imaging: Imaging | None = None
+    around: Any = None
 
     def figures(self) -> dict[str, Any]:
         """Plain numbers, SI, for tables and JSON."""
         plan, share = self.plan, self.budget.share
+        imaging = self.imaging.figures(plan.pace.speed, plan.seeing) if self.imaging else {}
         return {
             "heading_deg": math.degrees(plan.lines.heading),
-            "lines": len(plan.lines.all),
+            "lines": len(plan.all_lines),
             "cells": len(plan.lines.cells),
             "laps": len(plan.room.laps),
             "line_spacing_m": plan.lines.spacing,
@@ -87,7 +93,7 @@ class Survey:
             "propulsion_w": self.budget.propulsion_w,
             "hotel_w": self.budget.hotel_w,
             "remarks": self.remarks,
-        }
+        } | imaging
 
 
 def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda share: None) -> Survey:
@@ -98,157 +104,81 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     """
     refuse_doubles(request)
     base = load_scenario(request.scenario, request.overrides)
-    area = read_area(request.area, _datum(request.datum, base))
+    area = read_area(request.area, datum_from(request.datum, base))
     name = request.vehicle or base.vehicle
     if not isinstance(name, str):
         raise ConfigError(f"{request.scenario}: describes its vehicle itself; name one: --vehicle double_blueye")
     vehicle = load_vehicle(name)
     model = vehicle.model()
     echoes = measures(base, vehicle, "altimeter")
-    depth = _depth(request, base, model, echoes)
+    depth = depth_of(request, base, model, echoes)
+    eye, imaging = eye_of(vehicle, request.sees), None
+    if request.mapping is not None:
+        imaging = imaging_of(request.mapping, vehicle, request.sees, *altitude_of(request, base, depth))
+    swath = imaging.swath if imaging else request.swath
+    assert swath is not None
     own = own_values(Limits.of(model), request.speed)
-    speed = own["speed"] if request.speed is None else request.speed
-    if request.speed is None and line_speed(model) > 0.0:
-        speed = min(speed, line_speed(model))
-    acceptance = own["acceptance"]
+    usual = _usual_speed(request, own["speed"], model)
+    speed = imaging.speed() if imaging and request.mapping and request.mapping.square else usual
     pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
-    clearance = _clearance(model, MARGIN * acceptance) if request.clearance is None else request.clearance
+    clearance = clearance_of(model, MARGIN * own["acceptance"]) if request.clearance is None else request.clearance
     if not clearance >= 0:
         raise ConfigError(f"clearance: found {clearance:g} m, expected 0 or more")
-    heading = None if request.heading_deg is None else math.radians(request.heading_deg)
-    eye = _eye(vehicle, request.sees)
-    aside = 0.0 if eye is None else float(np.hypot(*eye.position[:2]))
-    room = clearance + aside  # for what sees: its vehicle is beside it
-    plan = plan_survey(area.shape, request.swath, pace, room, heading, request.inside, acceptance, progress)
-    points = plan.path.corners if eye is None or aside < UNNOTICED else corners_of_co(plan.path, eye.position[:2])
+    lever = np.zeros(2) if eye is None else np.asarray(eye.position[:2])
+    lever = imaging.footprint.middle if imaging else lever  # the lines are those of what it sees
+    room = clearance + float(np.linalg.norm(lever))  # for what sees: its vehicle is beside it
+    plan = _plan(request, area, swath, pace, room, own["acceptance"], progress)
+    moved = eye is not None and float(np.linalg.norm(lever)) >= UNNOTICED
+    points = corners_of_co(plan.path, lever) if moved else plan.path.corners
     legs, turns = pace.times(plan.path.corners)
     # Down from the surface at the lines' speed.
     down = depth / pace.speed
     cost = budget(vehicle, model, speed, float(legs.sum()), float(turns.sum()) + down)
-    scenario = _scenario(request, base, name, plan, points, area.datum, depth, acceptance, bool(cost.names), echoes)
-    remarks = _remarks(plan, cost, clearance)
-    if eye is not None and aside >= UNNOTICED:
-        x, y = eye.position[:2]
-        remarks.append(
-            f"the lines are those of {eye.name}, which sits {x:g} m ahead and {y:g} m to the right of the vehicle's "
-            "origin: way-points are moved by that"
-        )
-    return Survey(request, scenario, plan, cost, clearance, depth, remarks)
+    scenario = scenario_of(
+        request, base, name, plan, points, area.datum, depth, own["acceptance"], bool(cost.names), echoes
+    )
+    remarks = _remarks(plan, cost, clearance) + (imaging.remarks(speed, usual) if imaging else [])
+    if eye is not None and moved:
+        remarks.append(_moved(eye.name, lever, imaging is not None))
+    around = area.shape if request.gaps is not None else None
+    return Survey(request, scenario, plan, cost, clearance, depth, remarks, imaging, around)
 
 
-def _eye(vehicle: Vehicle, name: str | None) -> Mounted | None:
-    """What sees: the imager or camera of a name, or the first imager; None for the vehicle's origin.
-
-    Raises:
-        ConfigError: There is none of that name.
-    """
-    imagers = [one for one in vehicle.sensors if getattr(one.item, "kind", "") == "imager" and not one.spare]
-    if name is None:
-        return imagers[0] if imagers else None
-    found = {one.name: one for one in (*imagers, *vehicle.cameras)}
-    if name not in found:
-        there = ", ".join(found) or "none"
-        raise ConfigError(f"--sees {name}: {vehicle.name} has no such imager or camera; there are: {there}")
-    return found[name]
+def _usual_speed(request: SurveyRequest, own: float, model: Model) -> float:
+    """As asked for, or the vehicle's own as far as half of its thrust reaches it [m/s]."""
+    if request.speed is not None:
+        return request.speed
+    return min(own, line_speed(model)) if line_speed(model) > 0.0 else own
 
 
-def _datum(text: str | None, base: Scenario) -> Datum | None:
-    if text is None:
-        return base.origin
-    if text == "auto":
-        return None
-    try:
-        latitude, longitude = (float(piece) for piece in text.split(","))
-    except ValueError:
-        raise ConfigError(f"--datum: found {text!r}, expected latitude,longitude [deg] or auto") from None
-    return Datum(latitude, longitude, base.datum.height, base.datum.utc_start)
+def _moved(name: str, lever: Float[np.ndarray, "2"], swath: bool) -> str:
+    """That way-points are not on the lines."""
+    x, y = np.round(lever, 3)
+    where = "whose swath has its middle" if swath else "which sits"
+    return (
+        f"the lines are those of {name}, {where} {x:g} m ahead and {y:g} m to the right of the vehicle's origin: "
+        "way-points are moved by that"
+    )
 
 
-def _clearance(model: Model, margin: float) -> float:
-    """The hull turns on the spot beside an obstacle: its widest reach, and a margin [m]."""
-    corners = np.asarray(model.hull.corners)
-    return float(np.linalg.norm(corners[:, :2], axis=1).max()) + margin
-
-
-def _depth(request: SurveyRequest, base: Scenario, model: Model, echoes: bool) -> float:
-    """Of the lines [m]; `echoes`: whether an altimeter is on board."""
-    floor = base.world.floor if request.floor is None else request.floor
-    if request.altitude is not None and request.depth is not None and echoes:
-        depth = request.depth  # safe where the altimeter says nothing
-    elif request.altitude is not None:
-        if request.depth is not None:
-            raise ConfigError("--depth and --altitude: found both, expected one (both with an altimeter on board)")
-        if floor is None:
-            raise ConfigError(f"--altitude: {request.scenario} has no floor; say how deep it is: --floor 12")
-        depth = floor - request.altitude
-    else:
-        depth = 3.0 if request.depth is None else request.depth
-    limit = base.autopilot.supervisor.deepest
-    if not 0 <= depth < limit:
-        raise ConfigError(
-            f"--depth: found {depth:g} m, expected from 0 to less than {limit:g} m, the supervisor's limit"
-        )
-    lowest = depth + float(np.asarray(model.hull.corners)[:, 2].max())
-    if floor is not None and lowest >= floor:
-        raise ConfigError(
-            f"--depth: at {depth:g} m the hull reaches down to {lowest:.2f} m, into the floor at {floor:g} m"
-        )
-    return depth
-
-
-def _scenario(
+def _plan(
     request: SurveyRequest,
-    base: Scenario,
-    vehicle: str,
-    plan: SurveyPlan,
-    corners: Float[np.ndarray, "n 2"],
-    datum: Datum,
-    depth: float,
+    area: Area,
+    swath: Swath,
+    pace: Pace,
+    room: float,
     acceptance: float,
-    battery: bool,
-    echoes: bool,
-) -> Scenario:
-    points = np.round(corners, 3) + 0.0
-    if len(points) > LONGEST:
-        raise ConfigError(
-            f"area: the survey has {len(points)} way-points, a mission at most {LONGEST}: split the area or take a "
-            "wider swath"
-        )
-    duration = 60.0 * math.ceil((PATIENCE * plan.seconds + 60.0 + depth / plan.pace.speed) / 60.0)
-    if duration > 86_400:
-        raise ConfigError(f"area: the survey takes {plan.seconds / 3600:.1f} h, a run at most 24 h: split the area")
-    # With an altimeter on board the floor is followed, and the depth is what holds where it says nothing.
-    follows = {"altitude": request.altitude} if request.altitude and echoes else {}
-    first = points[1] - points[0]
-    area = pathlib.Path(request.area)
-    data = base.model_dump(mode="json", exclude_defaults=True) | {
-        "name": f"survey_{''.join(c if c.isalnum() else '_' for c in area.stem)}",
-        "description": f"Survey of {area.name}, swath {request.swath.width:g} m, overlap {request.swath.overlap:.0%}",
-        "vehicle": vehicle,
-        "duration": duration,
-        "datum": {"latitude": datum.latitude, "longitude": datum.longitude, "height": datum.height}
-        | {"utc_start": datum.utc_start},
-        "start": {
-            "position": [*points[0].tolist(), min(depth, 0.5)],
-            "heading_deg": round(math.degrees(math.atan2(first[1], first[0])), 1) + 0.0,
-        },
-        "mission": {
-            "name": "survey",
-            "description": f"{len(plan.lines.all)} lines, {len(plan.room.laps)} laps, {plan.length:.0f} m over ground",
-            "waypoints": [
-                {"position": [*point.tolist(), depth], "speed": plan.pace.speed, "acceptance": acceptance} | follows
-                for point in points
-            ],
-        },
-    }
-    data |= {key: getattr(base, key) for key in ("name", "description", "duration") if request.sets(key)}
-    # The thesis's own gains stop short and its reference has no speed (docs/guidance_and_control.md).
-    data.setdefault("autopilot", "model_based")
-    if battery and not request.sets("battery"):
-        data.setdefault("battery", True)
-    if request.floor is not None:
-        data["world"] = data.get("world", {}) | {"floor": request.floor}
-    return parse(Scenario, data, data["name"])
+    progress: Callable[[float], None],
+) -> SurveyPlan:
+    """Over all of the area, or over its gaps."""
+    if request.gaps is not None:
+        gaps = read_gaps(request.gaps, area.datum, area.shape)
+        return plan_fill(area.shape, gaps, swath, pace, room, request.inside, acceptance)
+    heading = None if request.heading_deg is None else math.radians(request.heading_deg)
+    plan = plan_survey(area.shape, swath, pace, room, heading, request.inside, acceptance, progress)
+    if request.mapping and request.mapping.crosshatch:
+        return crosshatched(plan, area.shape, room, acceptance)
+    return plan
 
 
 def _remarks(plan: SurveyPlan, cost: Budget, clearance: float) -> list[str]:
@@ -282,8 +212,8 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
     """
     request, plan = survey.request, survey.plan
     head = [
-        f"# Laid out by rovtwin plan-survey: {pathlib.Path(request.area).name}, swath {request.swath.width:g} m, "
-        f"overlap {request.swath.overlap:g};",
+        f"# Laid out by rovtwin plan-survey: {pathlib.Path(request.area).name}, swath {plan.room.swath.width:.4g} m, "
+        f"overlap {plan.room.swath.overlap:g};",
         f"# lines at {math.degrees(plan.lines.heading):.0f} deg, {plan.length:.0f} m, about {plan.seconds / 60:.0f} "
         f"minutes, {plan.coverage:.1%} of {plan.room.area.area:.0f} m2 seen.",
     ]
@@ -310,5 +240,6 @@ def survey_picture(survey: Survey) -> Figure:
             gaps=plan.gaps,
             points=plan.path.points,
             sees=plan.path.sees,
+            around=survey.around,
         )
     )

@@ -4,7 +4,38 @@ import pathlib
 from dataclasses import dataclass
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.planning.survey_assumptions import Assumptions
 from rovtwin.survey.room import Swath
+
+
+@dataclass(frozen=True)
+class MapRequest:
+    """What a survey is flown with that is to become a map.
+
+    Attributes:
+        imager: A library name or a file.
+        overlap: Share of the swath that neighbouring lines both see.
+        roll_deg: Roll of the vehicle that the swath allows for, either way [deg].
+        square: Whether lines are flown as slowly as makes pixels square.
+        crosshatch: Whether the area is flown a second time, across.
+        error: Error within the mosaic that is asked for once it is registered, 2D rms [m]: overlap and crosshatch
+            follow from it; None: nothing is asked for.
+        assumed: What is not known of compass, mounting and clock.
+    """
+
+    imager: str
+    overlap: float = 0.2
+    roll_deg: float = 2.0
+    square: bool = False
+    crosshatch: bool = False
+    error: float | None = None
+    assumed: Assumptions = Assumptions()
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.roll_deg < 30:
+            raise ConfigError(f"--roll: found {self.roll_deg:g} deg, expected from 0 to less than 30")
+        if self.error is not None and not self.error > 0:
+            raise ConfigError(f"--error: found {self.error:g} m, expected more than 0")
 
 
 @dataclass(frozen=True)
@@ -13,7 +44,7 @@ class SurveyRequest:
 
     Attributes:
         area: File, see `read_area`.
-        swath: What is seen at once.
+        swath: What is seen at once; None: what the imager of `mapping` sees.
         heading_deg: Of the lines; None: the one that takes least time.
         scenario: To start from: world, sensors, autopilot, datum.
         vehicle: Library name or file.
@@ -26,10 +57,12 @@ class SurveyRequest:
         datum: Latitude and longitude of n [deg], "auto" for the area's middle, None for the scenario's.
         sees: Name of the imager or camera whose swath it is; None: the vehicle's first imager, else its origin.
         overrides: `key.path=value` texts that change the scenario, see `load_scenario`.
+        mapping: The imager and what the map is to be like; None: only a swath is known.
+        gaps: File or folder with what a map of this area lacks: only that is flown; None: all of the area.
     """
 
     area: str | pathlib.Path
-    swath: Swath
+    swath: Swath | None
     heading_deg: float | None = None
     scenario: str = "lawnmower_calm"
     vehicle: str | None = None
@@ -42,6 +75,8 @@ class SurveyRequest:
     datum: str | None = None
     sees: str | None = None
     overrides: tuple[str, ...] = ()
+    mapping: MapRequest | None = None
+    gaps: pathlib.Path | None = None
 
     def sets(self, *keys: str) -> str | None:
         """The first key among the overrides that is one of these, lies in one of them or holds one; None: none."""
@@ -51,7 +86,7 @@ class SurveyRequest:
 
 
 def refuse_doubles(request: SurveyRequest) -> None:
-    """Nothing that the survey lays out, or that an option of its own says, is also set.
+    """Nothing that the survey lays out, or that an option of its own says, is also set; a swath is given once.
 
     Raises:
         ConfigError: It is.
@@ -66,3 +101,8 @@ def refuse_doubles(request: SurveyRequest) -> None:
     for option, key in (("vehicle", "vehicle"), ("floor", "world.floor"), ("datum", "datum")):
         if twice[option] is not None and (found := request.sets(key)):
             raise ConfigError(f"--{option} and --set {found}: found both, expected one")
+    if (request.swath is None) == (request.mapping is None):
+        found = "neither" if request.swath is None else "both"
+        raise ConfigError(f"--swath and --imager: found {found}, expected one: an imager has a swath of its own")
+    if request.mapping and request.mapping.square and request.speed is not None:
+        raise ConfigError("--speed and --square: found both, expected one")

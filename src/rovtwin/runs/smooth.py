@@ -1,5 +1,6 @@
 """The track of a finished run, smoothed: its log, and the scenario beside it that says what sensors there were."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from rovtwin.core.notebook import axes_of
 from rovtwin.core.notebook.face import Row
 from rovtwin.core.numerics import as_array, jnp
 from rovtwin.core.stored import Stored
+from rovtwin.gnc.navigation.constants import usual_constants
 from rovtwin.gnc.navigation.smoother import Smoothed, smooth
 from rovtwin.gnc.navigation.tuning import SENSOR_STD
 from rovtwin.runs.compose.autopilot import navigation_filter
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+COVARIANCE = "smoothed/covariance"
 NEEDED = ("sensor/position", "sensor/attitude")
 
 
@@ -69,6 +72,11 @@ class SmoothedRun(Stored):
         """
         std = np.sqrt(np.mean(self.track.std[:, :3] ** 2, axis=0)).tolist()
         found: list[Row] = [("duration", self.log.duration, "s"), ("sd, north / east / down, rms", std, "m")]
+        keys = self.track.keys
+        for name, value, sd in zip(
+            keys.constants, keys.constants_value, np.sqrt(np.diag(keys.constants_covariance)), strict=True
+        ):
+            found.append((f"{name}, value / sd", [float(value), float(sd)], "" if name.endswith("scale") else "rad"))
         if self.errors is not None:
             names = ("error of the filter, north / east, rms", "error of the smoother, north / east, rms")
             found += [(name, row.tolist(), "m") for name, row in zip(names, self.errors, strict=True)]
@@ -103,11 +111,13 @@ class SmoothedRun(Stored):
         return axes
 
 
-def smooth_run(path: Path) -> SmoothedRun:
+def smooth_run(path: Path, constants_std: Mapping[str, float] | None = None) -> SmoothedRun:
     """Smooth the log of a run.
 
     Args:
         path: The log, or the run's folder; `scenario.yaml` lies beside it.
+        constants_std: How well sensors' constants are known before, in place of some of `USUAL_STD`: `heading` of the
+            compass [rad], `dvl_yaw` [rad], `dvl_scale`; 0: exactly.
 
     Raises:
         ConfigError: The scenario is missing.
@@ -130,7 +140,9 @@ def smooth_run(path: Path) -> SmoothedRun:
     sensors = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
     last = max(log[name].t[-1] for name in sensors)
     ticks = round(last / dt) + 1
-    track = smooth(filter, began(log, scenario, model), slots_of(log, ticks, dt), commands_of(log, ticks, dt), dt)
+    slots = slots_of(log, ticks, dt)
+    constants = usual_constants(filter.tuning, slots, constants_std)
+    track = smooth(filter, began(log, scenario, model), slots, commands_of(log, ticks, dt), dt, constants)
     return SmoothedRun(track, _log_of(track, log), _errors(track, log))
 
 
@@ -170,15 +182,20 @@ def commands_of(log: Log, ticks: int, dt: float) -> Float[np.ndarray, "ticks thr
 
 def _log_of(track: Smoothed, source: Log) -> Log:
     std = tuple(f"std_{name}" for name in (*ETA, *NU[:3]))
+    rows, columns = np.triu_indices(6)
+    pairs = tuple(f"{ETA[i]}_{ETA[j]}" for i, j in zip(rows, columns, strict=True))
+    units = tuple("rad2" if i > 2 else "m2" if j < 3 else "m rad" for i, j in zip(rows, columns, strict=True))
     channels = [
         Channel("smoothed/eta", ETA, ETA_UNITS, "n", description="pose of CO, from all readings"),
         Channel("smoothed/nu", NU, NU_UNITS, "b", description="velocity over ground"),
         Channel("smoothed/std", std, ETA_UNITS + NU_UNITS[:3], "", description="standard deviation"),
+        Channel(COVARIANCE, pairs, units, "", description="of place in n and small rotation in b, upper triangle"),
     ]
     data: dict[str, Any] = {
         "smoothed/eta": (track.t, track.eta),
         "smoothed/nu": (track.t, track.nu),
         "smoothed/std": (track.t, track.std),
+        COVARIANCE: (track.t, track.covariance[:, rows, columns]),
     }
     metadata = {key: value for key, value in source.metadata.items() if key not in ("created", "log_format")}
     return Log.from_arrays(channels, data, metadata)

@@ -52,12 +52,13 @@ class Area:
     name: str
 
 
-def read_area(path: str | Path, datum: Datum | None = None) -> Area:
+def read_area(path: str | Path, datum: Datum | None = None, slivers: bool = False) -> Area:
     """An area from a file.
 
     Args:
         path: `.geojson` or `.json` with longitude and latitude, `.yaml` or `.yml` with metres (`AreaFile`).
         datum: Origin of n; None puts it into the middle of an area on the map, to six digits of a degree.
+        slivers: Whether polygons without area, as a program may have left them, are passed over.
 
     Raises:
         ConfigError: No such file, not an area, or one that nobody can have meant.
@@ -72,18 +73,26 @@ def read_area(path: str | Path, datum: Datum | None = None) -> Area:
         polygons = [[("outline", np.array(file.outline)), *holes]]
         datum = datum or Datum()
     else:
-        polygons = list(_polygons(_read_json(path), ""))
+        polygons = _found(path)
         if not polygons:
             raise ConfigError(f"{path.name}: has no Polygon or MultiPolygon, expected at least one")
         datum = datum or _middle(polygons, path.name)
-    shapes = [_polygon(rings, datum if kind == "GeoJSON" else None, path.name) for rings in polygons]
+    on_map = datum if kind == "GeoJSON" else None
+    if slivers:
+        polygons = [rings for rings in polygons if _area(rings, on_map) >= SMALLEST] or polygons[:1]
+    shapes = [_polygon(rings, on_map, path.name) for rings in polygons]
     _require_near(polygons, shapes, datum, path.name, on_map=kind == "GeoJSON")
     shapely = shapely_library()
     whole = shapely.union_all(shapes)
     return Area(whole if whole.geom_type == "MultiPolygon" else shapely.MultiPolygon([whole]), datum, path.stem)
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """A GeoJSON object, in WGS-84 as far as it says so.
+
+    Raises:
+        ConfigError: No such file, not JSON, or of another coordinate system.
+    """
     if not path.is_file():
         read_yaml(path)  # says what is wrong with the path
     try:
@@ -97,11 +106,15 @@ def _read_json(path: Path) -> dict[str, Any]:
     crs = data.get("crs")
     if crs is not None and not any(known in json.dumps(crs) for known in _ON_EARTH):
         raise ConfigError(f"{path.name}: crs: found {json.dumps(crs)[:80]}, expected WGS-84: export it as EPSG:4326")
+    return data
+
+
+def _found(path: Path) -> list[list[Ring]]:
+    data = read_json(path)
     try:
-        list(_polygons(data, ""))
+        return list(_polygons(data, ""))
     except ConfigError as error:
         raise ConfigError(f"{path.name}: {error}") from None
-    return data
 
 
 def _polygons(data: Any, where: str) -> Iterator[list[Ring]]:
@@ -172,6 +185,11 @@ def _polygon(rings: list[Ring], datum: Datum | None, file: str) -> Any:
     if shape.area < SMALLEST:
         raise ConfigError(f"{file}: {rings[0][0]}: the holes leave an area of zero")
     return shape
+
+
+def _area(rings: list[Ring], datum: Datum | None) -> float:
+    metres = [_in_plane(corners, datum) for _, corners in rings]
+    return float(shapely_library().Polygon(metres[0], metres[1:]).area) if len(metres[0]) > 2 else 0.0
 
 
 def _in_plane(corners: Float[np.ndarray, "n _"], datum: Datum | None) -> Float[np.ndarray, "n 2"]:

@@ -18,6 +18,7 @@ from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.survey.library import shapely_library
 from rovtwin.survey.room import Room, Swath
 
+BACK = 1e-3  # [m]
 LEAST = 0.01  # of a squared swath: smaller pieces of a band are not worth a line
 
 
@@ -141,10 +142,14 @@ def _beyond(free: Any, segments: Float[np.ndarray, "m 2 2"], lead: float) -> Flo
     """How far a vehicle can go on beyond both ends of segments (m, 2, 2), at most `lead` [m], shape (m, 2)."""
     shapely = shapely_library()
     out = segments + np.array([[-lead, 0.0], [lead, 0.0]])
-    rays = shapely.linestrings(np.stack([segments, out], axis=2))
+    # A line that was cut at the boundary ends on it but for rounding, and may lie beyond: rays begin a little before.
+    back = np.minimum(BACK, 0.5 * np.ptp(segments[:, :, 0], axis=1))[:, None]
+    begin = segments.copy()
+    begin[:, :, 0] += np.concatenate([back, -back], axis=1)
+    rays = shapely.linestrings(np.stack([begin, out], axis=2))
     met = shapely.intersection(rays, free.boundary)
-    away = shapely.distance(shapely.points(segments), met)
-    return np.where(np.isnan(away), lead, np.minimum(away, lead))
+    away = shapely.distance(shapely.points(begin), met) - back
+    return np.where(np.isnan(away), lead, np.clip(away, 0.0, lead))
 
 
 def _cells(spans: Float[np.ndarray, "m 2"], band: Int[np.ndarray, " m"]) -> list[list[int]]:

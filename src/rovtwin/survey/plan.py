@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.survey.library import shapely_library
-from rovtwin.survey.lines import Lines, lines_of
+from rovtwin.survey.lines import Line, Lines, lines_of
 from rovtwin.survey.pace import Pace
 from rovtwin.survey.room import Room, Swath, room_of
 from rovtwin.survey.route import Network, Path, cell_forms, lap_forms, route
@@ -30,6 +30,7 @@ class SurveyPlan:
         lines: Parallel lines and their cells.
         path: The way, line by line and lap by lap; its corners are the way-points.
         seen: The area within the swath of lines and laps, a shapely region; leads and ways between do not count.
+        crossing: Lines across the others that are flown after them; None: there are none.
     """
 
     room: Room
@@ -37,6 +38,12 @@ class SurveyPlan:
     lines: Lines
     path: Path
     seen: Any
+    crossing: Lines | None = None
+
+    @property
+    def all_lines(self) -> list[Line]:
+        """Those along and those across."""
+        return [*self.lines.all, *(self.crossing.all if self.crossing else [])]
 
     @property
     def seconds(self) -> float:
@@ -93,7 +100,7 @@ class SurveyPlan:
     def short_leads(self) -> int:
         """Ends of lines at which an obstacle leaves less room than a lead needs."""
         lead = max(self.pace.lead_in, self.pace.lead_out)
-        return int(sum((line.room < lead - 1e-6).sum() for line in self.lines.all))
+        return int(sum((line.room < lead - 1e-6).sum() for line in self.all_lines))
 
     @property
     def _legs(self) -> Float[np.ndarray, " legs"]:
@@ -166,7 +173,7 @@ def plan_survey(
         if best is None or time < best[0] - 1e-9:
             best = time, found[i], path
     assert best is not None
-    return SurveyPlan(room, pace, best[1], best[2], _seen(room, best[1]))
+    return SurveyPlan(room, pace, best[1], best[2], seen_from(room, best[1]))
 
 
 def headings_of(area: Any) -> Float[np.ndarray, " n"]:
@@ -193,7 +200,7 @@ def _least_time(lines: Lines, pace: Pace, lead_in: float, lead_out: float) -> fl
     return time
 
 
-def _seen(room: Room, lines: Lines) -> Any:
+def seen_from(room: Room, lines: Lines) -> Any:
     """What of the area the swath of lines and laps covers."""
     shapely = shapely_library()
     half = 0.5 * room.swath.width

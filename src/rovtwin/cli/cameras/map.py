@@ -45,6 +45,13 @@ def map_lines(
     points: Annotated[
         Path | None, typer.Option(help="CSV of places for spectra: name,north,east or name,latitude,longitude.")
     ] = None,
+    register: Annotated[
+        bool, typer.Option("--register", help="Put poses and calibration right by overlaps; needs `rovtwin smooth`.")
+    ] = False,
+    control: Annotated[Path | None, typer.Option(help="CSV of known points: name,line,pixel,north,east,sd.")] = None,
+    calibrated: Annotated[
+        bool, typer.Option("--calibrated", help="Mount and clock are exact; else 1 deg, 10 mm, 20 ms.")
+    ] = False,
     formats: Annotated[
         str, typer.Option(help="Besides ENVI: cog (picture, layers, small cubes), cube (always), netcdf.")
     ] = "cog",
@@ -80,7 +87,8 @@ def map_lines(
     request = MapRequest(
         lines or folder / "lines.h5", navigation, floor, depth, dem_values == "height", resolution, crs, radiance,
         water, blend == "best", max_turn * 0.017453292519943295, clock_offset,
-        float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points,
+        float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points, register,
+        control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
     )  # fmt: skip
     with progress_bar("{task.percentage:.0f} %") as bar:

@@ -270,4 +270,11 @@ def prediction(predict: Mapping[str, Any]) -> Table:
     if by_axis:
         cells.append(["Verdict", *(text(by_axis.get(str(axis))) for axis in inside)])
     note = f"As a whole: {text(verdict)}." if verdict else ""
+    away = [
+        f"{one.get('axis')} {one['beyond']:.2g} {'deg' if one.get('axis') == 'heading' else 'm'}"
+        for one in mappings(predict.get("axes"))
+        if one.get("verdict") == "near" and is_finite(one.get("beyond"))
+    ]
+    if away:
+        note += f" Near: beyond its band by {', '.join(away)} at most, which what was identified does not explain."
     return Table(title, ["", *(heading(str(axis)) for axis in inside)], cells, note)

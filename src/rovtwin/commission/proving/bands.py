@@ -12,11 +12,12 @@ of the N + 1 is held against the band of the N others, and the vehicle's share i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.commission.proving.missions import FIRST
+from rovtwin.commission.proving.missions import CLEAR, FIRST
 from rovtwin.runs.scoring.scores import Flown
 
 LEVEL = 0.95
@@ -25,6 +26,11 @@ AXES = ("north", "east", "depth", "heading")
 UNITS = ("m", "m", "m", "deg")
 RATE = 10.0  # [1/s]
 ALARM = 0.05  # chance that a true model is called untrue, all axes together
+# Beyond a band by no more than that a flight is near it [m, deg]: half of the room that missions keep to walls. The
+# better a vehicle is known, the narrower its bands, down to millimetres; what no parameter stands for (a firmware's
+# dead zone, delays) then puts a good flight beside them.
+NEAR = (0.5 * CLEAR, 0.5 * CLEAR, 0.5 * CLEAR, 5.0)
+Verdict = Literal["inside", "near", "outside"]
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,7 @@ class Held:
         usual: Least and largest share that 95 % of the drawn flights have, held against each other.
         chance: Of a share this low or lower if the model is true.
         outside_by: Largest distance from the band, in its half-widths.
+        beyond: The same in the axis's unit [m, deg].
     """
 
     axis: str
@@ -124,6 +131,14 @@ class Held:
     usual: tuple[float, float]
     chance: float
     outside_by: float
+    beyond: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """Inside as a flight of a true model is; near: not so, but by little; or outside."""
+        if self.agrees:
+            return "inside"
+        return "near" if self.beyond <= NEAR[AXES.index(self.axis)] else "outside"
 
     @property
     def agrees(self) -> bool:
@@ -149,7 +164,7 @@ def held(band: Band, flight: Track, rank: int = RANK) -> list[Held]:
                 effective_of(shares, band.level, n),
                 (float(np.quantile(shares[:-1], 0.025)), float(np.quantile(shares[:-1], 0.975))),
                 float(np.mean(shares <= shares[-1] + 1e-12)),
-                _outside_by(pose[:, i], band.low[:n, i], band.high[:n, i]),
+                *_outside_by(pose[:, i], band.low[:n, i], band.high[:n, i]),
             )
         )
     return found
@@ -168,7 +183,9 @@ def effective_of(shares: Float[np.ndarray, " N"], level: float, samples: int) ->
 
 
 def _outside_by(
-    values: Float[np.ndarray, "*axes"], low: Float[np.ndarray, "*axes"], high: Float[np.ndarray, "*axes"]
-) -> float:
+    values: Float[np.ndarray, " n"], low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]
+) -> tuple[float, float]:
+    """Largest distance from the band, in its half-widths there and in its own unit."""
+    away = np.maximum(np.maximum(low - values, values - high), 0.0)
     half = np.maximum(0.5 * (high - low), 1e-9)
-    return float(np.max(np.maximum(low - values, values - high) / half, initial=0.0))
+    return float(np.max(away / half, initial=0.0)), float(np.max(away, initial=0.0))

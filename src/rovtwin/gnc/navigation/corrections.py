@@ -1,5 +1,7 @@
 """From innovations to a corrected state, and what is done about readings that are rejected."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -27,6 +29,25 @@ BIASED = 25.0  # largest square of that mean, by its variance if they are white:
 # Among the errors, as vectors, for a tick with a scatter by indices is not compiled in one piece (`in_one_piece`).
 DOWN, WAVE_DOWN, FORCE_DOWN = np.eye(ERRORS)[[POSITION.stop - 1, WAVE_PLACE.stop - 1, FORCE_N.stop - 1]]
 SWAPPED = DOWN - WAVE_DOWN  # depth that was taken for waves, or waves for depth: their sum is the same
+
+
+class InnovationTest(NamedTuple):
+    """How innovations of one sensor lie to what was expected of them.
+
+    Attributes:
+        squares: Sum of the squared normalised ones.
+        number: How many were used.
+        normal: Each by its own standard deviation, no number where it was not used.
+    """
+
+    squares: Scalar
+    number: Scalar
+    normal: Float[Array, " n"]
+
+    @classmethod
+    def none(cls) -> "InnovationTest":
+        """Of a sensor that did not speak."""
+        return cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros(0))
 
 
 def finite(slots: Measurements) -> Measurements:
@@ -114,15 +135,15 @@ def inflated_for_waves(
 
 def corrected(
     x: NavigationState, P: Float[Array, "31 31"], found: Innovation
-) -> tuple[NavigationState, Float[Array, "31 31"], tuple[Scalar, Scalar]]:
-    """State and covariance after scalar measurements one by one; sum of squared normalised innovations, their number.
+) -> tuple[NavigationState, Float[Array, "31 31"], InnovationTest]:
+    """State and covariance after scalar measurements one by one, and how those lay to what was expected.
 
     Joseph form multiplied out: P stays symmetric and positive for any gain. Bar-Shalom, Li and Kirubarajan (2001).
     """
 
     def one(
         carry: tuple[Float[Array, "31"], Float[Array, "31 31"]], scalar: Innovation
-    ) -> tuple[tuple[Float[Array, "31"], Float[Array, "31 31"]], Scalar]:
+    ) -> tuple[tuple[Float[Array, "31"], Float[Array, "31 31"]], tuple[Scalar, Scalar]]:
         error, P = carry
         column = jnp.sum(P * scalar.slope, axis=1)
         innovation = scalar.residual - scalar.slope @ error
@@ -130,7 +151,8 @@ def corrected(
         K = jnp.where(scalar.used, column / S, 0.0)
         error = error + K * innovation
         P = P - (K[:, None] * column + column[:, None] * K) + S * (K[:, None] * K)
-        return (error, P), jnp.where(scalar.used, innovation * innovation / S, 0.0)
+        square = jnp.where(scalar.used, innovation * innovation / S, 0.0)
+        return (error, P), (square, jnp.where(scalar.used, innovation / jnp.sqrt(S), jnp.nan))
 
-    (error, P), squares = jax.lax.scan(one, (jnp.zeros(ERRORS), P), found)
-    return x.corrected(error), P, (squares.sum(), found.used.sum().astype(P.dtype))
+    (error, P), (squares, normal) = jax.lax.scan(one, (jnp.zeros(ERRORS), P), found)
+    return x.corrected(error), P, InnovationTest(squares.sum(), found.used.sum().astype(P.dtype), normal)

@@ -7,6 +7,7 @@ from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.core.types import Matrix3, Scalar, Vector3
+from rovtwin.gnc.navigation.corrections import InnovationTest
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     CURRENT,
@@ -31,7 +32,7 @@ def estimate_of(
     x: NavigationState,
     P: Float[Array, "31 31"],
     omega: Vector3,
-    received: dict[str, tuple[Scalar, Scalar]],
+    received: dict[str, InnovationTest],
     names: list[str],
 ) -> Estimate:
     """What an observer gives.
@@ -42,12 +43,11 @@ def estimate_of(
         x: Nominal state.
         P: Covariance of its error.
         omega: Angular velocity, b [rad/s].
-        received: Squared normalised innovations and their number, by sensor.
+        received: Tests of the innovations, by sensor.
         names: Of all sensors, sorted.
     """
     R_nb = rotation_from_quaternion(x.attitude)
-    nothing = (jnp.zeros(()), jnp.zeros(()))
-    tests = [received.get(name, nothing) for name in names]
+    tests = [received.get(name, InnovationTest.none()) for name in names]
     force = disturbance(model, x, omega)
     return Estimate(
         position=x.position + x.wave_place,
@@ -55,8 +55,8 @@ def estimate_of(
         nu=jnp.concatenate([x.velocity + R_nb.T @ x.wave_velocity, omega]),
         bias=jnp.concatenate([R_nb @ force, jnp.zeros(3)]),
         covariance=_covariance(P, R_nb, tuning.rate_variance),
-        nis=jnp.stack([squares for squares, _ in tests]),
-        nis_dof=jnp.stack([number for _, number in tests]),
+        nis=jnp.stack([test.squares for test in tests]),
+        nis_dof=jnp.stack([test.number for test in tests]),
         wave=jnp.concatenate([x.wave_place, x.wave_velocity]),
         bias_std=_disturbance_std(model, x, P, omega),
     )

@@ -21,7 +21,13 @@ from rovtwin.core.types import Index, PerThruster, PRNGKey, Scalar, Vector3, Vec
 from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation import measurements as readings
 from rovtwin.gnc.navigation import prediction as motion
-from rovtwin.gnc.navigation.corrections import corrected, covariance_inflation, finite, inflated_for_waves
+from rovtwin.gnc.navigation.corrections import (
+    InnovationTest,
+    corrected,
+    covariance_inflation,
+    finite,
+    inflated_for_waves,
+)
 from rovtwin.gnc.navigation.estimate import estimate_of
 from rovtwin.gnc.navigation.measurements import Innovation
 from rovtwin.gnc.navigation.positions import Rejected, Trail, positions
@@ -82,13 +88,17 @@ class Forecast(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """Of the error through a tick: state and covariance before and after the motion, and B with Phi = (I + B)^2."""
+    """Of the error through a tick: state and covariance before and after the motion, and B with Phi = (I + B)^2.
+
+    Innovations of the positions, normalised, are there as well: no number for those that were not used.
+    """
 
     x: NavigationState
     P: Float[Array, "31 31"]
     x_after: NavigationState
     P_after: Float[Array, "31 31"]
     B: Float[Array, "15 31"]
+    innovations: Float[Array, " m"]
 
 
 class NavigationFilter(Block):
@@ -134,7 +144,7 @@ class NavigationFilter(Block):
         slots, now = finite(input.measurements), memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
         turning, omega, turn_variance = self._turning(memory, slots, dt)
-        received: dict[str, tuple[Scalar, Scalar]] = {}
+        received: dict[str, InnovationTest] = {}
 
         doubted, rejected, depth_bias = dict(memory.doubted), dict(memory.rejected), dict(memory.depth_bias)
         x, P, forecast, sea, received["accelerometer"], doubted["accelerometer"] = self._accelerate(
@@ -153,7 +163,7 @@ class NavigationFilter(Block):
             places[name], rejected[name], P = positions(
                 x, P, slots[name], trail, rejected[name], tuning, mount, now, memory.ticks, dt
             )
-        transition = Transition(*before, moved, P, B)
+        after_motion = P
         for name, found in places.items():
             x, P, received[name] = corrected(x, P, found)
         for name in filter(slots.__contains__, self._correcting):
@@ -165,6 +175,8 @@ class NavigationFilter(Block):
             found, P, doubted[name] = self._gated(name, found, P, doubted[name], x)
             x, P, received[name] = corrected(x, P, found)
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, depth_bias)
+        innovations = jnp.concatenate([jnp.zeros(0), *(received[name].normal for name in places)])
+        transition = Transition(*before, moved, after_motion, B, innovations)
         return after, estimate_of(self.model, self.tuning, x, P, omega, received, sorted(slots)), transition
 
     def _thrust(self, before: PerThruster, command: Command, dt: float) -> tuple[Vector6, PerThruster]:
@@ -194,7 +206,7 @@ class NavigationFilter(Block):
 
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Vector6, turning: Turning, dt: float
-    ) -> tuple[NavigationState, Float[Array, "31 31"], Forecast, SeaState, tuple[Scalar, Scalar], Index]:
+    ) -> tuple[NavigationState, Float[Array, "31 31"], Forecast, SeaState, InnovationTest, Index]:
         """State after model and accelerometer were compared, the forecast of both, the sea, the test, doubts."""
         x, P, tuning = memory.x, memory.P, self.tuning
         waves = self._waves(memory.sea, x)
@@ -205,10 +217,9 @@ class NavigationFilter(Block):
         R_nb = rotation_from_quaternion(x.attitude)
         quick = (R_nb * R_nb).T @ waves.density
         if not (names := tuning.named("accelerometer", slots)):
-            nothing = (jnp.zeros(()), jnp.zeros(()))
             zero = jnp.zeros(3)
             forecast = Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero)
-            return x, P, forecast, memory.sea, nothing, memory.doubted["accelerometer"]
+            return x, P, forecast, memory.sea, InnovationTest.none(), memory.doubted["accelerometer"]
         means = [readings.averaged(slots[name], jnp.zeros(()), 0.0) for name in names]
         mounts = [tuning.mounts[name] for name in names]
         read = readings.joined([mean.value for mean in means], [mean.count for mean in means], mounts)

@@ -17,6 +17,7 @@ SEEN: dict[str, Any] = {"facecolor": SKY, "alpha": 0.35, "linewidth": 0, "zorder
 GAP: dict[str, Any] = {"facecolor": "#D55E00", "edgecolor": "#D55E00", "linewidth": 0.6, "zorder": 2}
 HOLE: dict[str, Any] = {"facecolor": "#d9d3cb", "edgecolor": "#7a5c3e", "hatch": "////", "linewidth": 1.2, "zorder": 3}
 EDGE: dict[str, Any] = {"facecolor": "none", "edgecolor": BLACK, "linewidth": 1.4, "zorder": 4}
+AROUND: dict[str, Any] = EDGE | {"linestyle": "--", "linewidth": 1.0}
 LINE: dict[str, Any] = {"color": BLUE, "linewidth": 1.0, "zorder": 6}
 BETWEEN: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "zorder": 5}
 SMALLEST_GAP = 1e-3  # of the area: less cannot be seen in the picture, and comes of rounding
@@ -34,6 +35,7 @@ class SurveyPicture:
         gaps: Not seen.
         points: The way [m].
         sees: Whether each leg is a line or a lap rather than a lead or a way between.
+        around: The whole area where only gaps in it are to be surveyed; None: the area itself.
     """
 
     title: str
@@ -42,6 +44,7 @@ class SurveyPicture:
     gaps: Any
     points: Float[np.ndarray, "n 2"]
     sees: Bool[np.ndarray, " legs"]
+    around: Any = None
 
 
 def draw_survey(survey: SurveyPicture) -> Figure:
@@ -61,7 +64,7 @@ def draw_survey(survey: SurveyPicture) -> Figure:
 
 
 def _extent(survey: SurveyPicture) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    bounds = np.array(survey.area.bounds).reshape(2, 2)
+    bounds = np.array((survey.around or survey.area).bounds).reshape(2, 2)
     low, high = np.minimum(bounds[0], survey.points.min(0)), np.maximum(bounds[1], survey.points.max(0))
     margin = 0.03 * float((high - low).max())
     return low - margin, high + margin
@@ -71,9 +74,11 @@ def _regions(axes: Axes, survey: SurveyPicture) -> None:
     _fill(axes, survey.seen, SEEN)
     if _has_gaps(survey):
         _fill(axes, survey.gaps, GAP)
-    for part in survey.area.geoms:
+    for part in (survey.around or survey.area).geoms:
         for ring in part.interiors:
             axes.add_patch(PathPatch(Outline(_east_north(ring.coords)), **HOLE))
+    if survey.around is not None:
+        _fill(axes, survey.around, AROUND)
     _fill(axes, survey.area, EDGE)
 
 
@@ -115,12 +120,14 @@ _ENDS = (("o", "white", "Start"), ("s", BLACK, "End"))
 
 def _entries(survey: SurveyPicture) -> list[Any]:
     entries: list[Any] = [
-        Patch(label="Area", facecolor="none", edgecolor=BLACK, linewidth=1.4),
+        Patch(label="Area" if survey.around is None else "Gap", facecolor="none", edgecolor=BLACK, linewidth=1.4),
         Line2D([], [], **LINE, label="Line or lap"),
         Line2D([], [], **BETWEEN, label="Lead, turn, way between"),
         Patch(label="Seen", facecolor=SKY, alpha=0.35),
     ]
-    if any(part.interiors for part in survey.area.geoms):
+    if survey.around is not None:
+        entries.append(Patch(label="Area", facecolor="none", edgecolor=BLACK, linewidth=1.0, linestyle="--"))
+    if any(part.interiors for part in (survey.around or survey.area).geoms):
         entries.append(Patch(label="Hole", facecolor=HOLE["facecolor"], edgecolor=HOLE["edgecolor"], hatch="////"))
     if _has_gaps(survey):
         entries.append(Patch(label="Not seen", facecolor=GAP["facecolor"]))

@@ -17,11 +17,13 @@ from jaxtyping import Float
 from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.imaging.files import imager_as_data
+from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.georeference import Georeference
 from rovtwin.mapping.gridding import Grid, Parts
 from rovtwin.mapping.mosaic import Job, Joined, join, make_parts
 from rovtwin.mapping.projection import Projection, crs_of, rasterio, utm_of
 from rovtwin.mapping.radiometry import Budget, Calibrated, Correction, Unsure, budget
+from rovtwin.runs.mapping.registering import UNITS, Registered, errors_before, registered, sigma_layers
 from rovtwin.runs.mapping.request import FORMATS, MapRequest, WaterFile
 from rovtwin.runs.mapping.result import CUBE, NOTE, Mosaic
 from rovtwin.runs.mapping.selection import Lines, lines_to_use
@@ -117,11 +119,36 @@ def prepare(found: Found) -> tuple[Job, Lines, WaterFile, list[str]]:
     grid = Grid.over(crs, projection.to_map(place), request.resolution)
     model, water, words = found.light()
     height = height if water.height_sd is None else water.height_sd
+    done, errors = _registered(found, georeference, t, chosen, height)
+    if done is not None:
+        georeference, t = done.georeference, t + done.delay
+        remarks = remarks + done.remarks
+    more = None if errors is None else sigma_layers(errors, georeference, t, chosen.use, height)
     calibrated = Calibrated(lines, Correction(lines.imager, model))
-    job = Job(calibrated, georeference, projection, grid, t, chosen.use, request.best)
+    units = {} if more is None else UNITS
+    job = Job(calibrated, georeference, projection, grid, t, chosen.use, request.best, more, units)
     if navigation.dropped:
         remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
     return job, chosen, water.model_copy(update={"height_sd": height}), remarks + words
+
+
+def _registered(
+    found: Found, georeference: Georeference, t: Float[np.ndarray, " line"], chosen: Lines, height: float
+) -> tuple[Registered | None, JointErrors | None]:
+    """Poses put right where that is asked for, and what is known of errors; None where nothing is."""
+    asked = found.request.register or found.request.control is not None
+    joint = errors_before(found, t, chosen.use)
+    if joint is None:
+        if asked:
+            raise ConfigError(
+                "--register, --control: need a smoothed track with its key frames (smoothed.mcap, smoothed_keys.nc): "
+                f"rovtwin smooth {found.run or 'RUN'}, and --navigation smoothed"
+            )
+        return None, None
+    if not asked:
+        return None, joint
+    done = registered(found, georeference, t, joint, height)
+    return done, done.joint
 
 
 def _places(georeference: Georeference, t: Float[np.ndarray, " n"], pixels: slice) -> Float[np.ndarray, "m 2"]:
@@ -199,6 +226,9 @@ def key_of(found: Found, job: Job) -> str:
     floor = job.georeference.floor.depth_and_slope(np.stack(np.meshgrid(north, east), axis=-1))[0]
     arrays = [job.t, job.use, navigation.t, navigation.position, navigation.quaternion, mount.position, mount.rotation]
     arrays += [floor, np.array([grid.left, grid.top, grid.cell, grid.rows, grid.columns])]
+    if job.more is not None:
+        some = slice(None, None, max(len(job.t) // 50, 1))
+        arrays += list(job.more(job.t[some], job.georeference.locate(job.t[some])).values())
     if (model := job.calibrated.correction.model) is not None:
         arrays += [model.at_fine.absorption, model.at_fine.scattering, np.array([model.surface, model.below])]
     for array in arrays:

@@ -47,6 +47,9 @@ class MapRequest:
         end: Last line at the latest [s].
         area: A file of the area that was to be seen, for gaps; None: the hull of what was seen.
         points: A CSV file of places whose spectra are asked for: name,north,east or name,latitude,longitude.
+        register: Whether overlaps put poses and calibration right; needs a smoothed track.
+        control: A CSV file of known points: name,line,pixel,north,east,sd.
+        calibrated: Whether mount and clock are exact; else they are unsure as usual (1 deg, 10 mm, 20 ms).
         formats: Of `FORMATS`; cube beside ENVI only where asked for or small.
         imager: Of lines whose file does not describe it, name or file.
         datum: Of lines that have none.
@@ -68,6 +71,9 @@ class MapRequest:
     end: float = np.inf
     area: Path | None = None
     points: Path | None = None
+    register: bool = False
+    control: Path | None = None
+    calibrated: bool = False
     formats: tuple[str, ...] = ("envi", "cog")
     imager: Imager | str | None = None
     datum: Datum | None = None

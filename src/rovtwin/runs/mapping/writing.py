@@ -46,7 +46,7 @@ _WHAT = {
     "mosaic.nc": "all bands and layers: netCDF by the CF conventions",
     "rgb.tif": "picture: cloud-optimised GeoTIFF with opacity",
     "rgb.png": "picture",
-    "layers.tif": "coverage, range, incidence, time, depth, noise: cloud-optimised GeoTIFF",
+    "layers.tif": "coverage, range, incidence, time, depth, noise, sigmas of the place: cloud-optimised GeoTIFF",
     "gaps.geojson": "what was not seen inside the area",
     "navigation.csv": "poses as Immersion reads them",
     "spectra.csv": "spectra of places",

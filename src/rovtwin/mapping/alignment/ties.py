@@ -1,0 +1,126 @@
+"""What overlaps and known points say: one feature in two lines, a feature in a line at a place that was surveyed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.sparse import csr_array
+
+from rovtwin.core.errors import LogError
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.sights import sights
+from rovtwin.mapping.georeference import Georeference
+
+
+@dataclass(frozen=True)
+class Ties:
+    """Features that two lines saw.
+
+    Attributes:
+        t: Stamps of the two lines [s].
+        pixel: In each, whole numbers or between.
+        covariance: Of how far apart the two may be taken, on the floor, north and east [m2].
+        quality: From 0 to 1, such as a correlation.
+    """
+
+    t: Float[np.ndarray, "m 2"]
+    pixel: Float[np.ndarray, "m 2"]
+    covariance: Float[np.ndarray, "m 2 2"]
+    quality: Float[np.ndarray, " m"]
+
+    def chosen(self, which: Bool[np.ndarray, " m"]) -> "Ties":
+        """Some of them."""
+        return Ties(self.t[which], self.pixel[which], self.covariance[which], self.quality[which])
+
+
+@dataclass(frozen=True)
+class ControlPoints:
+    """Features of lines whose place is known.
+
+    Attributes:
+        t: Stamp of the line that saw each [s].
+        pixel: In it.
+        place: North and east [m].
+        std: Of place and of picking the pixel together [m].
+        names: For reports.
+    """
+
+    t: Float[np.ndarray, " c"]
+    pixel: Float[np.ndarray, " c"]
+    place: Float[np.ndarray, "c 2"]
+    std: Float[np.ndarray, " c"]
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Measured differences of north and east, d = H e + noise, two rows each.
+
+    Attributes:
+        d: What is measured less what the stated poses say [m].
+        H: Derivative by the errors.
+        R: Covariance of the noise of each pair of rows [m2].
+        place: Where on the floor, north and east [m].
+        names: Of each: `tie 3`, `point A`.
+    """
+
+    d: Float[np.ndarray, "m 2"]
+    H: csr_array
+    R: Float[np.ndarray, "m 2 2"]
+    place: Float[np.ndarray, "m 2"]
+    names: tuple[str, ...]
+
+    def chosen(self, which: Bool[np.ndarray, " m"]) -> "Observations":
+        """Some of them."""
+        names = tuple(name for name, kept in zip(self.names, which, strict=True) if kept)
+        return Observations(self.d[which], self.H[np.repeat(which, 2)], self.R[which], self.place[which], names)
+
+
+def observe(
+    joint: JointErrors,
+    where: Georeference,
+    ties: Ties,
+    control: ControlPoints | None = None,
+    depth_std: float = 0.0,
+) -> Observations:
+    """Ties and control points as measurements of the errors.
+
+    Args:
+        joint: Whose errors.
+        where: Imager, mount, poses and floor as stated.
+        ties: Between lines.
+        control: Known points.
+        depth_std: Of the floor's depth [m]: the same for the two lines of a tie, which see it from two sides.
+
+    Raises:
+        LogError: A control point is seen by no ray.
+    """
+    one, other = (sights(where, ties.t[:, k], ties.pixel[:, k]) for k in range(2))
+    good = one.valid & other.valid & np.isfinite(ties.covariance).all(axis=(1, 2))
+    f = (one.by_depth - other.by_depth) * depth_std
+    R = ties.covariance + f[:, :, None] * f[:, None, :]
+    found = Observations(
+        other.point[:, :2] - one.point[:, :2],
+        csr_array(joint.slopes(one) - joint.slopes(other)),
+        R,
+        0.5 * (one.point[:, :2] + other.point[:, :2]),
+        tuple(f"tie {k}" for k in range(len(good))),
+    ).chosen(good)
+    if control is None or not len(control.t):
+        return found
+    seen = sights(where, control.t, control.pixel)
+    names = tuple(f"point {name}" for name in control.names) or tuple(f"point {k}" for k in range(len(control.t)))
+    if not seen.valid.all():
+        lost = [name for name, valid in zip(names, seen.valid, strict=True) if not valid]
+        raise LogError(f"control: {', '.join(lost)}: that line and pixel have no pose or no floor; check both")
+    f = seen.by_depth * depth_std
+    noise = control.std[:, None, None] ** 2 * np.eye(2) + f[:, :, None] * f[:, None, :]
+    from scipy.sparse import vstack
+
+    return Observations(
+        np.concatenate([found.d, control.place - seen.point[:, :2]]),
+        csr_array(vstack([found.H, joint.slopes(seen)])),
+        np.concatenate([found.R, noise]),
+        np.concatenate([found.place, seen.point[:, :2]]),
+        found.names + names,
+    )
