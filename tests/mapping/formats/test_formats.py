@@ -10,11 +10,11 @@ import spectral
 from tests.mapping.helper import moving
 
 from rovtwin.core.datum import Datum
+from rovtwin.mapping.cells.gridding import Grid
 from rovtwin.mapping.formats.envi import NO_DATA, EnviCube, opened
 from rovtwin.mapping.formats.geotiff import write_cube, write_layers, write_picture
 from rovtwin.mapping.formats.netcdf import write_netcdf
 from rovtwin.mapping.formats.vectors import polygons, write_geojson, write_immersion
-from rovtwin.mapping.gridding import Grid
 from rovtwin.mapping.projection import Projection, crs_of
 
 UTM = crs_of("EPSG:32632", "t")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.gridding import Grid
+from rovtwin.mapping.cells.gridding import Grid
 
 NO_DATA = -9999.0
 

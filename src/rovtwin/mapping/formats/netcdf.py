@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.core.log.files import atomic
-from rovtwin.mapping.gridding import Grid
+from rovtwin.mapping.cells.gridding import Grid
 
 _ROWS = 64
 

@@ -18,11 +18,11 @@ from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.imaging.files import imager_as_data
 from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.cells.gridding import Grid, Parts
+from rovtwin.mapping.cells.mosaic import Job, Joined, join, make_parts
+from rovtwin.mapping.cells.radiometry import Budget, Calibrated, Correction, Unsure, budget
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.gridding import Grid, Parts
-from rovtwin.mapping.mosaic import Job, Joined, join, make_parts
 from rovtwin.mapping.projection import Projection, crs_of, rasterio, utm_of
-from rovtwin.mapping.radiometry import Budget, Calibrated, Correction, Unsure, budget
 from rovtwin.runs.mapping.registering import UNITS, Registered, errors_before, registered, sigma_layers
 from rovtwin.runs.mapping.request import FORMATS, MapRequest, WaterFile
 from rovtwin.runs.mapping.result import CUBE, NOTE, Mosaic

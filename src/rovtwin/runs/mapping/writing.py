@@ -15,13 +15,13 @@ from PIL import Image
 from rovtwin._version import __version__
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.colours import picture
+from rovtwin.mapping.cells.mosaic import Job, Joined
+from rovtwin.mapping.cells.radiometry import Budget
+from rovtwin.mapping.formats.colours import picture
 from rovtwin.mapping.formats.envi import NO_DATA
 from rovtwin.mapping.formats.geotiff import write_cube, write_layers, write_picture
 from rovtwin.mapping.formats.netcdf import write_netcdf
 from rovtwin.mapping.formats.vectors import polygons, write_geojson, write_immersion
-from rovtwin.mapping.mosaic import Job, Joined
-from rovtwin.mapping.radiometry import Budget
 from rovtwin.report.mapping import figures
 from rovtwin.report.mapping.page import write_map_page
 from rovtwin.report.parts.page import Picture, save

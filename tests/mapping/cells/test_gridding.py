@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.mapping.gridding import Grid, Parts, gridded
+from rovtwin.mapping.cells.gridding import Grid, Parts, gridded
 from rovtwin.mapping.projection import crs_of
 
 UTM = crs_of("EPSG:32632", "t")
@@ -60,7 +60,7 @@ def two_parts(folder):
 
 def test_the_mean_of_parts_is_that_of_all_pixels_whatever_the_rows_at_once(tmp_path, monkeypatch):
     parts, (number, weight, value, variance) = two_parts(tmp_path / "p")
-    monkeypatch.setattr("rovtwin.mapping.gridding._AT_ONCE", 1.0)
+    monkeypatch.setattr("rovtwin.mapping.cells.gridding._AT_ONCE", 1.0)
     blocks = list(parts.joined(range(2), GRID, 3, 4, best=False))
     assert len(blocks) == 1  # eight rows at least, and there are six
     dense = blocks[0][1]

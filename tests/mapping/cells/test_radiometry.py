@@ -10,8 +10,8 @@ from rovtwin.imaging.lines import LinesFile
 from rovtwin.imaging.lines_writer import write_lines
 from rovtwin.imaging.radiance import Radiometry, fine_wavelengths
 from rovtwin.imaging.spectra.water import Constituents, SpectralWater
+from rovtwin.mapping.cells.radiometry import Calibrated, Correction, Unsure, budget, lowered, masked
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.radiometry import Calibrated, Correction, Unsure, budget, lowered, masked
 from rovtwin.simulation.imager.detector import DetectorModel
 
 LINES, ALBEDO = 60, 0.3

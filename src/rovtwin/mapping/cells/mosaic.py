@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rovtwin.mapping.colours import colour_bands
+from rovtwin.mapping.cells.gridding import LAYERS, Grid, Part, Parts, gridded, masked_layers
+from rovtwin.mapping.cells.radiometry import Calibrated, masked
+from rovtwin.mapping.formats.colours import colour_bands
 from rovtwin.mapping.formats.envi import EnviCube
 from rovtwin.mapping.georeference import Georeference, Located
-from rovtwin.mapping.gridding import LAYERS, Grid, Part, Parts, gridded, masked_layers
 from rovtwin.mapping.projection import Projection
-from rovtwin.mapping.radiometry import Calibrated, masked
 
 BLOCK = 64  # lines that make one part
 UNITS = {"range": "m", "incidence": "deg", "time": "s", "depth": "m", "coverage": "1", "noise": "1"}
