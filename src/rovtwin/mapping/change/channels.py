@@ -25,7 +25,7 @@ class Channels:
 
     @property
     def seen(self) -> Bool[np.ndarray, "row column"]:
-        return np.isfinite(self.value).all(axis=2)
+        return np.asarray(np.isfinite(self.value).all(axis=2))
 
 
 def channels_of(
@@ -62,8 +62,8 @@ def channels_of(
 def noise_of(cube: Float[np.ndarray, "row column band"]) -> Float[np.ndarray, " band"]:
     """Standard deviation of each band by noise alone, of a cube that does not state it.
 
-    Spectra are smooth over three bands of some nm, noise is not: r_k - (r_(k-1) + r_(k+1)) / 2 has the variance of noise
-    times 1.5. The median of its size is not moved by the few places where a spectrum bends.
+    Spectra are smooth over three bands of some nm, noise is not: r_k - (r_(k-1) + r_(k+1)) / 2 has the variance of
+    noise times 1.5. The median of its size is not moved by the few places where a spectrum bends.
 
     Reference: the second difference as in Immerkaer (1996), Computer Vision and Image Understanding 64(2), by band.
     """
@@ -94,8 +94,8 @@ def box_mean(
 def without_trend(image: Float[np.ndarray, "row column channel"], size: int) -> Float[np.ndarray, "row column channel"]:
     """Less the mean about each cell, formed twice: the second time without what stands out by more than three sd.
 
-    Lamps, range and water make errors of reflectance that vary over more than half a metre; what is smaller than a third
-    of `size` [cells] stays. The same cells are left out of all channels: else their trends would differ by it.
+    Lamps, range and water make errors of reflectance that vary over more than half a metre; what is smaller than a
+    third of `size` [cells] stays. The same cells are left out of all channels: else their trends would differ by it.
     """
     together = image.mean(axis=2)
     rest = together - box_mean(together, size, 0.05)[0]

@@ -4,15 +4,15 @@
     var D = a + (b v_d + e (noise_A^2 + noise_B^2)) / n + c |grad A_mean|^2 sd_u^2
     T = z' S^-1 z / K,   z = D / sd D
 
-Channels are logarithms, so that a gain of light is an offset, which the trend takes away. Looked at are their mean, slope
-and bend over the spectrum (Legendre polynomials): brightness, colour, and the rest, which err in different ways. v_d is the variance of d from
-cell to cell about each place: grain that falls between cells, blur. What remains of light and trend (a), how much of the
-grain survives the mean (b), and how far stated noise (e) and displacement errors (c) hold are read from the cells
-themselves: all >= 0 are fitted to the spread of D among cells that are alike in these terms, by medians, which the few
-that changed do not move. S is the correlation of channels, found without what stands out. T of unchanged cells is taken
-to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail lies beyond the middle, so that effects
-which nobody stated (shadows, a rough floor seen from another side) make the test more careful and not wrong. Of all
-cells those are named that keep the share of false ones below what was asked for.
+Channels are logarithms, so that a gain of light is an offset, which the trend takes away. Looked at are their mean,
+slope and bend over the spectrum (Legendre polynomials): brightness, colour, and the rest, which err in different ways.
+v_d is the variance of d from cell to cell about each place: grain that falls between cells, blur. What remains of
+light and trend (a), how much of the grain survives the mean (b), and how far stated noise (e) and displacement errors
+(c) hold are read from the cells themselves: all >= 0 are fitted to the spread of D among cells that are alike in these terms, by
+medians, which the few that changed do not move. S is the correlation of the three, found without what stands out. T of
+unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail lies beyond
+the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the test more
+careful and not wrong. Of all cells those are named that keep the share of false ones below what was asked for.
 
 Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2); the F of Student's t of many
 dimensions, Kotz and Nadarajah (2004), ch. 1; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1).
@@ -64,7 +64,8 @@ def tested(
     """Test each cell.
 
     Args:
-        first, second: On one grid.
+        first: Of the first mosaic.
+        second: Of the second, on the same grid.
         moved: From the first to the second.
         cell: Size of a cell [m].
         least: Size of the smallest thing that is looked for [m].
@@ -91,11 +92,11 @@ def tested(
     return Test(D, spread[0], statistic, chance, _named(chance, false_share), parts[0], freedom)
 
 
-def _shapes(count: int) -> Float[np.ndarray, "shape channel"]:
+def _shapes(count: int) -> list[Float[np.ndarray, " channel"]]:
     """Weights of channels: their mean, and what is left of slope and bend without what comes before."""
     x = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
     basis, _ = np.linalg.qr(np.stack([x**k for k in range(min(3, count))], axis=1))
-    return np.abs(basis.T / basis.T.sum(axis=1)[0]) if count == 1 else basis.T * np.sign(basis.T[:, -1:]) / np.sqrt(count)
+    return list(basis.T * np.sign(basis[-1])[:, None] / np.sqrt(count))
 
 
 def _capped(variance: Float[np.ndarray, "row column"], wide: int) -> Float[np.ndarray, "row column"]:

@@ -1,13 +1,13 @@
 """How far one mosaic lies from another, place by place, from their own pictures.
 
-Patches of one are looked for in the other (normalised cross-correlation, at the top refined by a parabola). Each gives a
-displacement with a covariance by its texture; a Gaussian process joins them to a field, with a standard deviation where
-there is nothing to see:
+Patches of one are looked for in the other (normalised cross-correlation, at the top refined by a parabola). Each gives
+a displacement with a covariance by its texture; a Gaussian process joins them to a field, with a standard deviation
+where there is nothing to see:
 
     u(x) = common + v(x),    cov(v(x), v(y)) = s^2 exp(-|x - y| / L)
 
-s is what the mosaics state as their errors within themselves, or less where the patches agree better with each other than
-that. The covariances of patches are enlarged where they agree less, and a patch that disagrees alone is dropped.
+s is what the mosaics state as their errors within themselves, or less where the patches agree better with each other
+than that. The covariances of patches are enlarged where they agree less, and a patch that disagrees alone is dropped.
 
 Reference: Lewis (1995), Fast normalized cross-correlation; Rasmussen and Williams (2006), Gaussian Processes, ch. 2.
 """
@@ -77,7 +77,8 @@ def displacement(
     """Field of displacements between two images of one place; None where fewer than three patches are found again.
 
     Args:
-        first, second: Images without trend on one grid, no number where nothing was seen.
+        first: Image without trend, no number where nothing was seen.
+        second: The other on the same grid.
         cell: Size of a cell [m].
         reach: Farthest that the second can lie from the first [m].
         within: Standard deviation of their difference within the mosaics, each component [m].
@@ -95,9 +96,7 @@ def _common(first: np.ndarray, second: np.ndarray, reach: int) -> tuple[int, int
     step = _COARSE if reach > _COARSE else 1
     a, b = (box_mean(image, step)[0][step // 2 :: step, step // 2 :: step] for image in (first, second))
     most = max(reach // step, 1)
-    scores = {
-        (i, j): _score(a, b, i, j) for i in range(-most, most + 1) for j in range(-most, most + 1)
-    }
+    scores = {(i, j): _score(a, b, i, j) for i in range(-most, most + 1) for j in range(-most, most + 1)}
     i, j = max(scores, key=lambda key: scores[key])
     return i * step, j * step
 
@@ -127,7 +126,7 @@ def _matches(first: np.ndarray, second: np.ndarray, common: tuple[int, int], nea
     """The best place of each patch within `nearby` cells of the common displacement."""
     size, step = max(round(PATCH / cell), 5), max(round(SPACING / cell), 2)
     rows, columns = (np.arange(size // 2, n - size // 2, step) for n in first.shape)
-    offsets = np.arange(-nearby, nearby + 1)
+    offsets = range(-nearby, nearby + 1)
     scores = np.full((len(rows), len(columns), len(offsets), len(offsets)), np.nan)
     at = np.ix_(rows, columns)
     for i, down in enumerate(offsets):
@@ -194,7 +193,7 @@ def _spread(image: np.ndarray, size: int) -> Float[np.ndarray, "row column"]:
 
 
 def _field(found: Matches, shape: tuple[int, ...], cell: float, within: float) -> Displacement:
-    """Gaussian process through the patches: each is predicted by the others as well as the widths say, or is dropped."""
+    """Gaussian process through the patches: the others predict each as well as the widths say, or it is dropped."""
     if len(found.score) > _MOST:
         found = _taken(found, np.sort(np.argsort(-found.score)[:_MOST]))
     scale, dropped, stated = 1.0, 0, within
@@ -243,7 +242,13 @@ class _Solved:
 
 
 def _spread_out(
-    found: Matches, solved: list[_Solved], shape: tuple[int, ...], cell: float, within: float, dropped: int, scale: float
+    found: Matches,
+    solved: list[_Solved],
+    shape: tuple[int, ...],
+    cell: float,
+    within: float,
+    dropped: int,
+    scale: float,
 ) -> Displacement:
     """The field at every cell, by bilinear interpolation between knots of a tenth of a metre."""
     step = max(round(0.1 / cell), 1)

@@ -1,6 +1,7 @@
 """The things that changed: connected cells, each with its place, size, contrast and how sure it is."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -48,7 +49,8 @@ def things(test: Test, cell: float, least: float, contrast: float = 0.0) -> list
         contrast: Least change of reflectance, as a share, that is of interest.
     """
     about = binary_dilation(test.changed, iterations=max(round(0.5 * least / cell), 1))
-    numbers, _ = label(about)
+    labelled: Any = label(about)
+    numbers = labelled[0]
     found = []
     for k, place in enumerate(find_objects(numbers), start=1):
         one = _thing(test, place, numbers[place] == k, cell)
@@ -71,6 +73,5 @@ def _thing(test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: flo
     gain = np.exp(peak)
     whole = np.zeros(test.changed.shape, bool)
     whole[place] = core
-    return Thing(
-        middle, whole, float(core.sum()) * cell**2, widths, gain - 1.0, float(gain.mean() * sd), float(test.chance[place][row, column])
-    )
+    area, chance = float(core.sum()) * cell**2, float(test.chance[place][row, column])
+    return Thing(middle, whole, area, widths, gain - 1.0, float(gain.mean() * sd), chance)
