@@ -185,6 +185,7 @@ BAD = [
     ({"clock_offset": 1e4}, LogError, "--clock-offset"),
     ({"water": "nothing.yaml"}, ConfigError, "nothing.yaml"),
     ({"formats": ("envi", "shape")}, ConfigError, "--formats: found 'shape'"),
+    ({"register": True}, ConfigError, "rovtwin smooth"),
     ({"lines": Path("none.h5")}, LogError, "none.h5: cannot be read"),
 ]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import binary_erosion
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
@@ -19,6 +20,7 @@ from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.scene import Scene
 
 RADIUS = 0.04  # of the circle whose cells make a spectrum [m]
+_INSIDE, _ALIKE = 4, 0.35  # cells from an edge; by how much of its largest value neighbours may differ
 _SHOWN, _APART = 5, 0.4  # places that are shown where none are asked for, and how far apart at least [m]
 _KINDS = (("name", "north", "east"), ("name", "latitude", "longitude"))
 
@@ -72,13 +74,17 @@ def usual_points(
 ) -> list[tuple[str, Float[np.ndarray, "2"]]]:
     """Places whose spectra differ most: each next one is farthest, as an angle, from all chosen before."""
     rng = np.random.default_rng(1)
-    rows, columns = np.nonzero(seen)
+    rows, columns = np.nonzero(binary_erosion(seen, iterations=_INSIDE))
     if not len(rows):
         return []
     some = rng.choice(len(rows), min(1500, len(rows)), replace=False)
     rows, columns = rows[some], columns[some]
     xy = np.column_stack([grid.x[columns], grid.y[rows]])
     spectra = np.array([np.array(mosaic.cube[r, :, c]) for r, c in zip(rows, columns, strict=True)])
+    alike = _alike(mosaic, rows, columns, spectra)
+    spectra, xy = spectra[alike], xy[alike]
+    if not len(spectra):
+        return []
     usable = (spectra > -1.0).mean(axis=0) > 0.99
     spectra = np.maximum(spectra[:, usable], 1e-6)
     if not usable.any():
@@ -90,6 +96,22 @@ def usual_points(
         close = np.min(np.linalg.norm(xy[:, None] - xy[chosen][None], axis=-1), axis=1) < _APART
         chosen.append(int(np.argmin(np.where(close, np.inf, nearest))))
     return [(f"{'ABCDEFGH'[k]}", projection.to_place(xy[i])) for k, i in enumerate(chosen)]
+
+
+def _alike(
+    mosaic: Mosaic, rows: np.ndarray, columns: np.ndarray, spectra: Float[np.ndarray, "n band"]
+) -> Bool[np.ndarray, " n"]:
+    """Cells whose neighbours at a circle's edge look as they do: no border of two materials runs through it."""
+    bands = np.flatnonzero((mosaic.wavelengths >= 450.0) & (mosaic.wavelengths <= 650.0))
+    bands = bands if len(bands) else np.arange(spectra.shape[1])
+    away = max(int(RADIUS / mosaic.about["grid"]["cell_m"]), 1)
+    near = np.zeros((4, *spectra.shape))
+    for k, (dr, dc) in enumerate(((away, 0), (-away, 0), (0, away), (0, -away))):
+        r, c = np.clip(rows + dr, 0, mosaic.shape[0] - 1), np.clip(columns + dc, 0, mosaic.shape[1] - 1)
+        near[k] = [mosaic.cube[i, :, j] for i, j in zip(r, c, strict=True)]
+    off = np.abs(near[..., bands] - spectra[:, bands]).max(axis=(0, 2))
+    good = off < _ALIKE * np.maximum(spectra[:, bands].max(axis=1), 0.02)
+    return good if good.sum() >= 2 * _SHOWN else np.ones(len(rows), bool)
 
 
 def with_spectra(
