@@ -8,11 +8,12 @@ Channels are logarithms, so that a gain of light is an offset, which the trend t
 slope and bend over the spectrum (Legendre polynomials): brightness, colour, and the rest, which err in different ways.
 v_d is the variance of d from cell to cell about each place: grain that falls between cells, blur. What remains of
 light and trend (a), how much of the grain survives the mean (b), and how far stated noise (e) and displacement errors
-(c) hold are read from the cells themselves: all >= 0 are fitted to the spread of D among cells that are alike in these terms, by
-medians, which the few that changed do not move. S is the correlation of the three, found without what stands out. T of
-unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail lies beyond
-the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the test more
-careful and not wrong. Of all cells those are named that keep the share of false ones below what was asked for.
+(c) hold are read from the cells themselves: all >= 0 are fitted to the spread of D among cells that are alike in these
+terms, by medians, which the few that changed do not move. S is the correlation of the three, found without what stands
+out. T of unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail
+lies beyond the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the
+test more careful and not wrong. Of all cells those are named that keep the share of false ones below what was asked
+for.
 
 Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2); the F of Student's t of many
 dimensions, Kotz and Nadarajah (2004), ch. 1; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1).
