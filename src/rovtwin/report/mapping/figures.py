@@ -62,7 +62,8 @@ def _thin(image: np.ndarray) -> np.ndarray:
     return image[::step, ::step]
 
 
-def _lay(axes: Axes, sheet: Sheet, image: np.ndarray, **given: Any) -> Any:
+def lay(axes: Axes, sheet: Sheet, image: np.ndarray, **given: Any) -> Any:
+    """An image over the sheet, in metres from its lower left corner."""
     wide, high = sheet.size
     shown = axes.imshow(_thin(image), extent=(0.0, wide, 0.0, high), interpolation="nearest", **given)
     dress(axes, "North [m]", "East [m]")
@@ -71,17 +72,18 @@ def _lay(axes: Axes, sheet: Sheet, image: np.ndarray, **given: Any) -> Any:
     return shown
 
 
-def _height(sheet: Sheet, width: float, most: float = 8.0) -> float:
+def sheet_height(sheet: Sheet, width: float, most: float = 8.0) -> float:
+    """Of a figure of a width that shows the sheet [inches]."""
     wide, high = sheet.size
     return float(np.clip(width * high / wide + 0.7, 2.2, most))
 
 
 def picture(sheet: Sheet, spectra: Sequence[Spectrum], ways: Sequence[Float[np.ndarray, "k 2"]] = ()) -> Figure:
     """In colours, with the places whose spectra are shown, and the vehicle's way."""
-    figure = new_figure(height=_height(sheet, 7.0))
+    figure = new_figure(height=sheet_height(sheet, 7.0))
     axes = figure.subplots()
     axes.set_facecolor("#dfe5ea")
-    _lay(axes, sheet, sheet.rgb)
+    lay(axes, sheet, sheet.rgb)
     for way in ways:
         axes.plot(*(np.asarray(way) - [sheet.left, sheet.bottom]).T, color="white", linewidth=0.7, alpha=0.55)
     for colour, one in zip(series_colours(len(spectra)), spectra, strict=True):
@@ -101,14 +103,14 @@ def layers(sheet: Sheet, shown: Mapping[str, tuple[Float[np.ndarray, "row column
     wide, high = sheet.size
     columns = 3 if high > 1.3 * wide else 2
     rows = -(-len(shown) // columns)
-    figure = new_figure(height=min(rows * _height(sheet, 5.6 / columns, 5.0), 10.0))
+    figure = new_figure(height=min(rows * sheet_height(sheet, 5.6 / columns, 5.0), 10.0))
     panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axes, (name, (layer, unit)) in zip(panels, shown.items(), strict=False):
         known = layer[np.isfinite(layer)]
         low, high = np.percentile(known, [1.0, 99.0]) if len(known) else (0.0, 1.0)
         colours = "magma" if name.startswith(("sigma", "noise")) else "viridis"
         axes.set_facecolor("#eef1f3")
-        image = _lay(axes, sheet, layer, cmap=colours, vmin=low, vmax=max(high, low + 1e-9))
+        image = lay(axes, sheet, layer, cmap=colours, vmin=low, vmax=max(high, low + 1e-9))
         bar = figure.colorbar(image, ax=axes, shrink=0.85, pad=0.02)
         bar.ax.tick_params(labelsize=TINY)
         axes.set_title(f"{name} [{unit}]" if unit not in ("", "1") else name, fontsize=SMALL, loc="left", pad=3)

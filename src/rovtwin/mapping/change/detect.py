@@ -1,0 +1,165 @@
+"""Which cells changed by more than noise, misplacement and the light can explain.
+
+    d = B(x + u) - A, less its trend;    D = mean of d over the least thing that is looked for
+    var D = a + (b v_d + e (noise_A^2 + noise_B^2)) / n + c |grad A_mean|^2 sd_u^2
+    T = z' S^-1 z / K,   z = D / sd D
+
+Channels are logarithms, so that a gain of light is an offset, which the trend takes away. Looked at are their mean,
+slope and bend over the spectrum (Legendre polynomials): brightness, colour, and the rest, which err in different ways.
+v_d is the variance of d from cell to cell about each place: grain that falls between cells, blur. What remains of
+light and trend (a), how much of the grain survives the mean (b), and how far stated noise (e) and displacement errors
+(c) hold are read from the cells themselves: all >= 0 are fitted to the spread of D among cells that are alike in these
+terms, by medians, which the few that changed do not move. S is the correlation of the three, found without what stands
+out. T of unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail
+lies beyond the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the
+test more careful and not wrong. Of all cells those are named that keep the share of false ones below what was asked
+for.
+
+Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2); the F of Student's t of many
+dimensions, Kotz and Nadarajah (2004), ch. 1; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import nnls
+from scipy.stats import chi2, f
+
+from rovtwin.mapping.change.channels import Channels, box_mean, without_trend
+from rovtwin.mapping.change.displacement import Displacement, pulled_back
+
+TREND = 4.0  # times the least thing: over which light, range and grain are taken to be alike
+_ROUNDS = 8
+_ALIKE = (12, 5)  # classes of cells by misplacement, and in each by grain
+_TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
+_NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
+
+
+@dataclass(frozen=True)
+class Test:
+    """Cells of the first mosaic, held against the second.
+
+    Attributes:
+        difference: Change of the logarithm, mean over the least thing, less its trend; by channel.
+        sd: Standard deviation of its mean over channels.
+        statistic: T, 1 in the middle of unchanged cells.
+        chance: Probability of such a T where nothing changed.
+        changed: Cells that are named.
+        parts: a [1], b, e and c of brightness: c below 1 says that displacements are better than stated.
+        freedom: nu; few say that the tails are far wider than a Gaussian's.
+    """
+
+    difference: Float[np.ndarray, "row column channel"]
+    sd: Float[np.ndarray, "row column"]
+    statistic: Float[np.ndarray, "row column"]
+    chance: Float[np.ndarray, "row column"]
+    changed: Bool[np.ndarray, "row column"]
+    parts: tuple[float, ...]
+    freedom: float
+
+
+def tested(
+    first: Channels, second: Channels, moved: Displacement, cell: float, least: float, false_share: float
+) -> Test:
+    """Test each cell.
+
+    Args:
+        first: Of the first mosaic.
+        second: Of the second, on the same grid.
+        moved: From the first to the second.
+        cell: Size of a cell [m].
+        least: Size of the smallest thing that is looked for [m].
+        false_share: Of the named cells, that may be false.
+    """
+    box, wide = max(round(least / cell), 1), max(round(TREND * least / cell), 3)
+    there = pulled_back(np.concatenate([second.value, second.noise**2], axis=2), moved.shift)
+    count = first.value.shape[2]
+    d, noise = without_trend(there[:, :, :count] - first.value, wide), first.noise**2 + there[:, :, count:]
+    D = np.stack([box_mean(d[:, :, k], box)[0] for k in range(count)], axis=2)
+    z, parts, spread = [], [], []
+    for shape in _shapes(count):
+        one, image = d @ shape, first.value @ shape
+        mean, cells = box_mean(one, box)
+        smooth = box_mean(image, box)[0]
+        steep = np.gradient(smooth, axis=0) ** 2 + np.gradient(smooth, axis=1) ** 2
+        grain = _capped(box_mean((one - mean) ** 2, box)[0], wide) / np.maximum(cells, 1.0)
+        counted = box_mean(noise @ shape**2, box)[0] / np.maximum(cells, 1.0)
+        found, variance = _explained(mean, [grain, counted, steep * moved.sd**2])
+        parts.append(tuple(float(value) for value in found))
+        spread.append(np.sqrt(variance))
+        z.append(mean / spread[-1])
+    statistic, chance, freedom = _student(np.stack(z, axis=2))
+    return Test(D, spread[0], statistic, chance, _named(chance, false_share), parts[0], freedom)
+
+
+def _shapes(count: int) -> list[Float[np.ndarray, " channel"]]:
+    """Weights of channels: their mean, and what is left of slope and bend without what comes before."""
+    x = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
+    basis, _ = np.linalg.qr(np.stack([x**k for k in range(min(3, count))], axis=1))
+    return list(basis.T * np.sign(basis[-1])[:, None] / np.sqrt(count))
+
+
+def _capped(variance: Float[np.ndarray, "row column"], wide: int) -> Float[np.ndarray, "row column"]:
+    """The larger of a variance here and that about here: an edge of what changed is no grain of the floor."""
+    about = box_mean(variance, wide, 0.05)[0]
+    return np.clip(variance, about, 4.0 * about)
+
+
+def _explained(
+    D: Float[np.ndarray, "row column"], terms: list[Float[np.ndarray, "row column"]]
+) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, "row column"]]:
+    """Factors of 1 and of terms of the variance, and the variance that they give each cell."""
+    seen = np.isfinite(D) & np.all([np.isfinite(term) for term in terms], axis=0)
+    d, some = D[seen], np.stack([np.ones(seen.sum()), *(term[seen] for term in terms)], axis=1)
+    rows, spread = [], []
+    for by_last in np.array_split(np.argsort(some[:, -1]), _ALIKE[0]):
+        for cells in np.array_split(by_last[np.argsort(some[by_last, -2])], _ALIKE[1]):
+            if len(cells) > 20:
+                rows.append(np.median(some[cells], axis=0))
+                spread.append((np.median(np.abs(d[cells])) / 0.6745) ** 2)
+    if len(rows) < len(terms) + 1:
+        return np.ones(len(terms) + 1), np.full(D.shape, np.nan)
+    X, y = np.array(rows), np.array(spread) + 1e-12
+    scale = X.max(axis=0) + 1e-300  # the terms' sizes differ by orders of magnitude
+    found = nnls(X / scale / y[:, None], np.ones(len(y)))[0] / scale  # each class's spread counts as a share of itself
+    variance = found[0] + sum(factor * term for factor, term in zip(found[1:], terms, strict=True))
+    return found, np.where(seen, np.maximum(variance, 1e-12), np.nan)
+
+
+def _student(
+    z: Float[np.ndarray, "row column channel"],
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], float]:
+    """T, its chance, and nu."""
+    count = z.shape[2]
+    seen = np.isfinite(z).all(axis=2)
+    some = z[seen]
+    T, chance = np.full(z.shape[:2], np.nan), np.full(z.shape[:2], np.nan)
+    if len(some) < 10 * count:
+        return T, chance, np.nan
+    S = np.diag((np.median(np.abs(some), axis=0) / 0.6745) ** 2) + 1e-12 * np.eye(count)
+    for _ in range(_ROUNDS):
+        squares = _squares(some, S)
+        keep = some[squares < np.quantile(squares, 0.9)]
+        S = keep.T @ keep / len(keep) + 1e-12 * np.eye(count)
+        S *= np.median(_squares(some, S)) / chi2.ppf(0.5, count)
+    squares = _squares(some, S) / count
+    middle, tail = np.quantile(squares, [0.5, _TAIL])
+    ratios = f.ppf(_TAIL, count, _NU) / f.ppf(0.5, count, _NU)
+    freedom = float(_NU[np.argmin(np.abs(np.log(ratios / (tail / middle))))])
+    scaled = squares / middle * f.ppf(0.5, count, freedom)
+    T[seen], chance[seen] = scaled, f.sf(scaled, count, freedom)
+    return T, chance, freedom
+
+
+def _squares(z: Float[np.ndarray, "n channel"], S: Float[np.ndarray, "channel channel"]) -> Float[np.ndarray, " n"]:
+    return np.einsum("ni,ij,nj->n", z, np.linalg.inv(S), z)
+
+
+def _named(chance: Float[np.ndarray, "row column"], false_share: float) -> Bool[np.ndarray, "row column"]:
+    """Cells whose chance is below Benjamini and Hochberg's line; that cells overlap makes it no more generous."""
+    seen = np.isfinite(chance)
+    some = np.sort(chance[seen])
+    below = np.flatnonzero(some <= false_share * np.arange(1, len(some) + 1) / max(len(some), 1))
+    limit = some[below[-1]] if below.size else -1.0
+    return seen & (np.nan_to_num(chance, nan=1.0) <= limit)

@@ -1,0 +1,77 @@
+"""The things that changed: connected cells, each with its place, size, contrast and how sure it is."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import binary_dilation, find_objects, label
+
+from rovtwin.mapping.change.detect import Test
+
+_CORE = 0.5  # share of the greatest change from which a cell belongs to the thing
+_LARGE = 0.5  # share of the least thing's area that a thing must have
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One thing that changed.
+
+    Attributes:
+        place: Row and column of its middle, as numbers of cells.
+        cells: That belong to it.
+        area: [m2].
+        size: Its extent along rows and columns [m].
+        contrast: Change of reflectance by channel, as a share: -0.3 is darker by 30 %.
+        sd: Standard deviation of its mean.
+        chance: Probability that one place differs so much where nothing changed.
+    """
+
+    place: tuple[float, float]
+    cells: Bool[np.ndarray, "row column"]
+    area: float
+    size: tuple[float, float]
+    contrast: Float[np.ndarray, " channel"]
+    sd: float
+    chance: float
+
+
+def things(test: Test, cell: float, least: float, contrast: float = 0.0) -> list[Thing]:
+    """Connected cells that changed, the surest first.
+
+    The test looks at squares of the least thing; a thing's cells are those about a named one where the change is at
+    least half of its greatest, which for a square is its own extent.
+
+    Args:
+        test: Of the cells.
+        cell: Size of a cell [m].
+        least: Size of the smallest thing that was looked for [m].
+        contrast: Least change of reflectance, as a share, that is of interest.
+    """
+    about = binary_dilation(test.changed, iterations=max(round(0.5 * least / cell), 1))
+    labelled: Any = label(about)
+    numbers = labelled[0]
+    found = []
+    for k, place in enumerate(find_objects(numbers), start=1):
+        one = _thing(test, place, numbers[place] == k, cell)
+        if one.area >= _LARGE * least**2 and np.max(np.abs(one.contrast)) >= contrast:
+            found.append(one)
+    return sorted(found, key=lambda one: one.chance)
+
+
+def _thing(test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: float) -> Thing:
+    top = np.argmax(np.where(inside & test.changed[place], test.statistic[place], -1.0))
+    row, column = np.unravel_index(top, inside.shape)
+    change = test.difference[place]
+    peak = change[row, column]
+    along = change @ peak / max(peak @ peak, 1e-30)
+    core = inside & (along >= _CORE)
+    rows, columns = np.nonzero(core)
+    middle = (place[0].start + rows.mean(), place[1].start + columns.mean())
+    widths = (float(np.ptp(rows) + 1) * cell, float(np.ptp(columns) + 1) * cell)
+    sd = test.sd[place][row, column]
+    gain = np.exp(peak)
+    whole = np.zeros(test.changed.shape, bool)
+    whole[place] = core
+    area, chance = float(core.sum()) * cell**2, float(test.chance[place][row, column])
+    return Thing(middle, whole, area, widths, gain - 1.0, float(gain.mean() * sd), chance)

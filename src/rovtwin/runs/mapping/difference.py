@@ -1,0 +1,268 @@
+"""Two mosaics of one place held against each other: what changed beyond their errors."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.user_files.files import write_text
+from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
+from rovtwin.mapping.change.detect import TREND, Test, tested
+from rovtwin.mapping.change.displacement import Displacement, displacement
+from rovtwin.mapping.change.things import Thing, things
+from rovtwin.mapping.formats.envi import NO_DATA
+from rovtwin.mapping.formats.geotiff import write_layers
+from rovtwin.mapping.formats.vectors import polygons, write_geojson
+from rovtwin.runs.mapping.result import Mosaic
+
+CHANNELS, FIRST, LAST = 6, 420.0, 690.0  # compared are means over so many groups of bands between these [nm]
+ABSOLUTE, WITHIN = 0.3, 0.03  # standard deviations of places that a mosaic does not state [m]
+_ROOM = 0.1  # farther than four standard deviations that the second may lie [m]
+_SMALL = 5  # cells of the least thing, at least a side
+LAYERS = {
+    "change": "change of reflectance, mean over the least thing, as a share of it",
+    "sd": "its standard deviation",
+    "chance": "probability of such a difference where nothing changed",
+    "shift_east": "how far the second mosaic lies east of the first [m]",
+    "shift_north": "the same to the north [m]",
+    "shift_sd": "standard deviation of each [m]",
+}
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What changed from the first mosaic to the second.
+
+    Attributes:
+        things: That changed, the surest first.
+        test: Of each cell.
+        moved: From the first mosaic to the second.
+        grid: Of the cells that are compared.
+        seen: Cells that both have seen.
+        wavelengths: Of the channels [nm].
+        remarks: For people.
+    """
+
+    things: list[Thing]
+    test: Test
+    moved: Displacement
+    grid: Grid
+    seen: Bool[np.ndarray, "row column"]
+    wavelengths: Float[np.ndarray, " channel"]
+    remarks: list[str]
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """For people and programs."""
+        shift = self.moved.shift[self.seen].mean(axis=0) * self.grid.cell
+        return {
+            "compared_m2": float(self.seen.sum() * self.grid.cell**2),
+            "changes": len(self.things),
+            "changed_m2": float(sum(thing.area for thing in self.things)),
+            "shift_north_east_m": [float(-shift[0]), float(shift[1])],
+            "shift_varies_m": float(self.moved.shift[self.seen].std(axis=0).mean() * self.grid.cell),
+            "shift_sd_m": float(np.sqrt(np.mean(self.moved.sd[self.seen] ** 2)) * self.grid.cell),
+            "patches": len(self.moved.matches.score),
+            "patches_dropped": self.moved.dropped,
+            "sd_of_change": float(np.nanmedian(self.test.sd)),
+        }
+
+
+def compared(
+    first: Mosaic,
+    second: Mosaic,
+    least: float = 0.1,
+    contrast: float = 0.1,
+    false_share: float = 0.05,
+    progress: Progress = lambda what, done, count: None,
+) -> Difference:
+    """Register the second to the first and test each cell.
+
+    Args:
+        first: Mosaic.
+        second: Mosaic of the same place later.
+        least: Size of the smallest thing that is looked for [m].
+        contrast: Least change of reflectance that is of interest, as a share.
+        false_share: Of the named cells, that may be false.
+        progress: Called with what is done, of how many steps.
+
+    Raises:
+        ConfigError: They are not of one kind, cell and coordinate system, or not of one place; cells are too large.
+        LogError: Their pictures have nothing in common.
+    """
+    _require_alike(first, second, least)
+    rows, columns, grid = _overlap(first, second)
+    usable, words = _usable(first, second)
+    channels = []
+    for k, one in enumerate((first, second)):
+        progress("reading", k, 4)
+        channels.append(_channels(one, rows[k], columns[k], usable))
+    a, b = channels
+    absolute, within, remarks = _stated(first, second)
+    progress("registering", 2, 4)
+    wide = max(round(TREND * least / grid.cell), 3)
+    x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
+    moved = displacement(x, y, grid.cell, 4.0 * absolute + _ROOM, within)
+    if moved is None:
+        raise LogError(
+            f"{second.folder}: fewer than 3 patches of {first.folder} were found in it within "
+            f"{4.0 * absolute + _ROOM:.2f} m, so the two cannot be laid upon each other. Do they show one place, with "
+            "texture, and in one season?"
+        )
+    progress("testing", 3, 4)
+    test = tested(a, b, moved, grid.cell, least, false_share)
+    found = things(test, grid.cell, least, contrast)
+    return Difference(found, test, moved, grid, np.isfinite(test.statistic), a.wavelengths, [words, *remarks])
+
+
+def _require_alike(first: Mosaic, second: Mosaic, least: float) -> None:
+    for name, one, other in (
+        ("quantity", first.about["quantity"], second.about["quantity"]),
+        ("coordinate system", first.about["grid"]["crs"], second.about["grid"]["crs"]),
+        ("cell [m]", first.about["grid"]["cell_m"], second.about["grid"]["cell_m"]),
+    ):
+        if one != other:
+            raise ConfigError(
+                f"{second.folder}: found {name} {other}, expected {one} as {first.folder} has it; make one of them "
+                "again with `rovtwin map` (--resolution, --crs, --radiance)"
+            )
+    if least < _SMALL * first.about["grid"]["cell_m"]:
+        raise ConfigError(
+            f"--least {least:g}: found less than {_SMALL} cells of {first.about['grid']['cell_m']:g} m; look for "
+            "larger things, or make mosaics of smaller cells"
+        )
+
+
+def _overlap(first: Mosaic, second: Mosaic) -> tuple[list[slice], list[slice], Grid]:
+    """Rows and columns of each that lie upon each other, and their grid."""
+    from rasterio.crs import CRS
+
+    grids = [one.about["grid"] for one in (first, second)]
+    cell = grids[0]["cell_m"]
+    top = [round(grid["top_m"] / cell) for grid in grids]
+    left = [round(grid["left_m"] / cell) for grid in grids]
+    north, west = min(top), max(left)
+    south = max(t - grid["rows"] for t, grid in zip(top, grids, strict=True))
+    east = min(w + grid["columns"] for w, grid in zip(left, grids, strict=True))
+    if north - south < 2 * _SMALL or east - west < 2 * _SMALL:
+        raise ConfigError(
+            f"{second.folder}: does not overlap {first.folder}: they are {abs(top[0] - top[1]) * cell:.1f} m apart to "
+            f"the north, {abs(left[0] - left[1]) * cell:.1f} m to the east. Is the datum the same?"
+        )
+    rows = [slice(t - north, t - south) for t in top]
+    columns = [slice(west - w, east - w) for w in left]
+    grid = Grid(CRS.from_user_input(grids[0]["crs"]), west * cell, north * cell, cell, north - south, east - west)
+    return rows, columns, grid
+
+
+def _usable(first: Mosaic, second: Mosaic) -> tuple[Bool[np.ndarray, " band"], str]:
+    """Bands that most cells of both have, and how many there are in words."""
+    w = first.wavelengths
+    if len(w) != len(second.wavelengths) or np.max(np.abs(w - second.wavelengths)) > 1.0:
+        raise ConfigError(
+            f"{second.folder}: its bands differ from those of {first.folder} by more than 1 nm: mosaics of one imager "
+            "are compared"
+        )
+    shares = [_share_known(one) for one in (first, second)]
+    usable = (w >= FIRST) & (w <= LAST) & (np.minimum(*shares) > 0.9)
+    if not usable.any():
+        raise ConfigError(
+            f"{second.folder}: has no band between {FIRST:g} and {LAST:g} nm in common with {first.folder}"
+        )
+    return usable, f"compared in {usable.sum()} bands between {w[usable][0]:.0f} and {w[usable][-1]:.0f} nm"
+
+
+def _share_known(one: Mosaic) -> Float[np.ndarray, " band"]:
+    """Of the cells that have any number, by band."""
+    some = np.asarray(one.cube[:: max(one.shape[0] // 50, 1)]) != np.float32(NO_DATA)
+    seen = some.any(axis=1)
+    return np.moveaxis(some, 1, 2)[seen].mean(axis=0) if seen.any() else np.zeros(one.shape[2])
+
+
+def _channels(one: Mosaic, rows: slice, columns: slice, usable: Bool[np.ndarray, " band"]) -> Channels:
+    """Of the overlap."""
+    bands = np.flatnonzero(usable)
+    cube = np.moveaxis(np.asarray(one.cube[rows][:, bands[0] : bands[-1] + 1, columns]), 1, 2)
+    cube = np.where(cube == np.float32(NO_DATA), np.float32(np.nan), cube)
+    own = usable[bands[0] : bands[-1] + 1]
+    w = one.wavelengths[bands[0] : bands[-1] + 1]
+    return channels_of(cube, w, own, CHANNELS, noise_of(cube[:: max(len(cube) // 200, 1)]))
+
+
+def _stated(first: Mosaic, second: Mosaic) -> tuple[float, float, list[str]]:
+    """Standard deviations of the difference of places, as a whole and within [m], and what was assumed."""
+    import rasterio
+
+    found, remarks = [], []
+    for one in (first, second):
+        sigmas = [ABSOLUTE, WITHIN]
+        path = one.folder / "layers.tif"
+        try:
+            with rasterio.open(path) as file:
+                names = list(file.descriptions)
+                given = [float(np.nanmedian(file.read(names.index(n) + 1))) for n in ("sigma", "sigma_within")]
+        except rasterio.RasterioIOError as error:
+            raise LogError(f"{path}: cannot be read: {error}") from None
+        except ValueError:
+            given = sigmas
+            remarks.append(
+                f"{one.folder.name} does not state how unsure its places are: {ABSOLUTE:g} and {WITHIN:g} m taken"
+            )
+        found.append(given)
+    absolute, within = np.sqrt(np.sum(np.square(found), axis=0))
+    return float(absolute), float(within), remarks
+
+
+def written(found: Difference, first: Mosaic, second: Mosaic, folder: Path) -> Path:
+    """Layers, changes as GeoJSON, and `change.json`.
+
+    Raises:
+        LogError: They cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    east, north = found.moved.shift[:, :, 1] * found.grid.cell, -found.moved.shift[:, :, 0] * found.grid.cell
+    layers = {
+        "change": (np.expm1(found.test.difference.mean(axis=2)), "1"),
+        "sd": (found.test.sd, "1"),
+        "chance": (found.test.chance, "1"),
+        "shift_east": (np.where(found.seen, east, np.nan), "m"),
+        "shift_north": (np.where(found.seen, north, np.nan), "m"),
+        "shift_sd": (np.where(found.seen, found.moved.sd * found.grid.cell, np.nan), "m"),
+    }
+    write_layers(folder / "change.tif", found.grid, layers, LAYERS)
+    features = [
+        {**polygon, "properties": _properties(number, thing, found)}
+        for number, thing in enumerate(found.things, start=1)
+        for polygon in polygons(thing.cells, found.grid)[:1]
+    ]
+    write_geojson(folder / "changes.geojson", features)
+    note = {
+        "first": str(first.folder), "second": str(second.folder), "figures": found.figures, "remarks": found.remarks,
+        "wavelengths_nm": found.wavelengths.tolist(),
+        "changes": [_properties(number, thing, found) for number, thing in enumerate(found.things, start=1)],
+    }  # fmt: skip
+    write_text(folder / "change.json", json.dumps(note, indent=1) + "\n")
+    return folder
+
+
+def _properties(number: int, thing: Thing, found: Difference) -> dict[str, Any]:
+    x = found.grid.left + (thing.place[1] + 0.5) * found.grid.cell
+    y = found.grid.top - (thing.place[0] + 0.5) * found.grid.cell
+    return {
+        "number": number,
+        "x_m": round(x, 3),
+        "y_m": round(y, 3),
+        "area_m2": round(thing.area, 5),
+        "size_m": [round(side, 3) for side in thing.size],
+        "contrast": round(float(thing.contrast.mean()), 4),
+        "sd": round(thing.sd, 4),
+        "contrast_by_channel": [round(float(value), 4) for value in thing.contrast],
+        "chance": float(f"{thing.chance:.2g}"),
+    }

@@ -1,0 +1,86 @@
+"""The page of what changed between two mosaics."""
+
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.core.errors import LogError
+from rovtwin.report.mapping import change as figures
+from rovtwin.report.mapping.figures import Sheet
+from rovtwin.report.mapping.page import write_map_page
+from rovtwin.report.parts.page import save
+from rovtwin.report.parts.tables import Table
+from rovtwin.runs.mapping.difference import Difference
+from rovtwin.runs.mapping.result import Mosaic
+
+_LABELS = {
+    "compared_m2": "compared [m2]",
+    "changes": "changes",
+    "changed_m2": "changed [m2]",
+    "shift_north_east_m": "second lies north, east of the first by [m]",
+    "shift_varies_m": "shift within, standard deviation [m]",
+    "shift_sd_m": "shift, uncertainty [m]",
+    "patches": "patches found again",
+    "patches_dropped": "patches that disagreed",
+    "sd_of_change": "standard deviation of a change, median",
+}
+_FILES = {
+    "changes.geojson": "outlines of the changes, with size and contrast",
+    "change.tif": "change, its standard deviation, its chance, shift: cloud-optimised GeoTIFF",
+    "change.json": "figures, and all changes",
+}
+_MOST = 60  # changes that the table lists
+
+
+def write_change_page(folder: Path, found: Difference, first: Mosaic, second: Mosaic) -> Path:
+    """Write `report.html` and its figures."""
+    grid, sheet = found.grid, _sheet(found, first)
+    places = [((one.place[1] + 0.5) * grid.cell, (grid.rows - one.place[0] - 0.5) * grid.cell) for one in found.things]
+    radii = [0.75 * max(*one.size, 0.1) for one in found.things]
+    shift = np.stack([found.moved.shift[:, :, 1], -found.moved.shift[:, :, 0]], axis=2) * grid.cell
+    brightness = np.expm1(found.test.difference.mean(axis=2))
+    pictures = [
+        save(
+            figures.changes(sheet, places, radii), folder, "changes", "What changed",
+            "The first mosaic; a ring about each change, numbered from the surest.",
+        ),
+        save(
+            figures.difference(sheet, brightness, shift, found.seen), folder, "difference", "Difference and shift",
+            "Change of reflectance over the least thing, less what varies slowly (light, range); and how the second "
+            "mosaic lies within the first: errors of navigation of both.",
+        ),
+    ]  # fmt: skip
+    rows = [[_LABELS[name], _shown(value)] for name, value in found.figures.items()]
+    rows += [
+        [
+            f"{number}: x {grid.left + x:.2f}, y {grid.top - grid.rows * grid.cell + y:.2f}",
+            f"{100 * one.contrast.mean():+.0f} ± {100 * 2.0 * one.sd:.0f} %, {1e4 * one.area:.0f} cm2",
+        ]
+        for number, (one, (x, y)) in enumerate(zip(found.things, places, strict=True), start=1)
+        if number <= _MOST
+    ]
+    more = f"{len(found.things) - _MOST} more are in changes.geojson." if len(found.things) > _MOST else ""
+    title = f"What changed: {first.folder.name} to {second.folder.name}"
+    return write_map_page(folder, title, Table("", ["", ""], rows, more), found.remarks, pictures, _FILES)
+
+
+def _sheet(found: Difference, first: Mosaic) -> Sheet:
+    """The part of the first mosaic's picture that is compared."""
+    import rasterio
+
+    grid, path = found.grid, first.folder / "rgb.tif"
+    row = round((first.about["grid"]["top_m"] - grid.top) / grid.cell)
+    column = round((grid.left - first.about["grid"]["left_m"]) / grid.cell)
+    try:
+        with rasterio.open(path) as file:
+            rgb = np.moveaxis(file.read(), 0, -1)
+    except rasterio.RasterioIOError as error:
+        raise LogError(f"{path}: cannot be read: {error}") from None
+    part = rgb[row : row + grid.rows, column : column + grid.columns]
+    return Sheet(part, grid.left, grid.top - grid.rows * grid.cell, grid.cell, str(grid.crs))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, list):
+        return ", ".join(f"{one:+.3f}" for one in value)
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,88 @@
+"""What changed between two dives over one place: planted squares are found, and little else."""
+
+import numpy as np
+import pytest
+from tests.mapping.change import seabed
+from tests.mapping.change.seabed import CELL, WAVELENGTHS
+
+from rovtwin.mapping.change import detect
+from rovtwin.mapping.change.channels import channels_of, noise_of, without_trend
+from rovtwin.mapping.change.displacement import displacement
+from rovtwin.mapping.change.things import things
+
+SHAPE, LEAST = (200, 300), 0.1
+
+
+@pytest.fixture(scope="module", params=[0, 1])
+def dives(request):
+    """Two dives, the squares in the second as the first sees their places, and the true displacement."""
+    rng = np.random.default_rng(request.param)
+    before = seabed.albedo(rng, SHAPE)
+    after, places = seabed.planted(rng, before)
+    first, u_1 = seabed.seen(rng, before, (0.0, 0.0), 0.012)
+    second, u_2 = seabed.seen(rng, after, (0.07, -0.05), 0.012)
+    a, b = (channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in (first, second))
+    wide = round(detect.TREND * LEAST / CELL)
+    x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
+    moved = displacement(x, y, CELL, 0.2, 0.017)
+    at = places.round().astype(int)
+    return a, b, moved, places + u_1[at[:, 0], at[:, 1]], u_2 - u_1
+
+
+def test_the_displacement_is_found_to_its_stated_uncertainty(dives):
+    _, _, moved, _, true = dives
+    inside = (slice(25, -25), slice(25, -25))
+    error = (moved.shift - true)[inside] * CELL
+    stated = moved.sd[inside] * CELL
+    assert np.sqrt(np.mean(error**2)) < 0.006, "of 17 mm that the two differ by within, and 86 mm as a whole"
+    normalised = np.mean((error / stated[:, :, None]) ** 2)
+    assert 0.2 < normalised < 3.5
+
+
+def test_planted_squares_are_found_and_little_else(dives):
+    a, b, moved, places, _ = dives
+    test = detect.tested(a, b, moved, CELL, LEAST, 0.05)
+    found = things(test, CELL, LEAST, 0.1)
+    apart = np.linalg.norm(np.array([one.place for one in found])[:, None] - places[None], axis=2) * CELL
+    hits, false = int((apart.min(axis=0) < 0.06).sum()), int((apart.min(axis=1) > 0.12).sum())
+    assert hits >= 0.9 * len(places), f"{hits} of {len(places)}"
+    assert false <= max(0.05 * len(found), 2), [one.place for one in found]
+    sure = [one for one, near in zip(found, apart.min(axis=1), strict=True) if near < 0.06]
+    assert np.median([abs(one.contrast.mean()) for one in sure]) == pytest.approx(0.28, abs=0.05)
+    assert np.median([one.area for one in sure]) == pytest.approx(0.01, rel=0.4)
+
+
+def test_the_same_seabed_has_not_changed():
+    rng = np.random.default_rng(5)
+    floor = seabed.albedo(rng, SHAPE)
+    a, b = (
+        channels_of(seabed.seen(rng, floor, shift, 0.012)[0], WAVELENGTHS, np.ones(12, bool), 6)
+        for shift in ((0.0, 0.0), (0.03, 0.04))
+    )
+    wide = round(detect.TREND * LEAST / CELL)
+    x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
+    test = detect.tested(a, b, displacement(x, y, CELL, 0.2, 0.017), CELL, LEAST, 0.05)
+    assert len(things(test, CELL, LEAST, 0.1)) <= 2
+
+
+def test_places_with_nothing_in_common_are_not_laid_upon_each_other():
+    rng = np.random.default_rng(2)
+    images = [np.log(seabed.albedo(rng, (120, 120)).mean(axis=2)) for _ in range(2)]
+    x, y = (without_trend(image[:, :, None], 20)[:, :, 0] for image in images)
+    found = displacement(x, y, CELL, 0.1, 0.01)
+    assert found is None or len(found.matches.score) < 12, "of some 64 patches"
+
+
+def test_noise_is_read_off_neighbouring_bands():
+    rng = np.random.default_rng(3)
+    cube = np.linspace(0.1, 0.4, 30) + rng.normal(0.0, 0.004, (50, 60, 30))
+    assert noise_of(cube) == pytest.approx(np.full(30, 0.004), rel=0.1)
+
+
+def test_bands_without_a_number_leave_cells_out():
+    cube = np.full((4, 5, 12), 0.2)
+    cube[1, 2, 3] = np.nan
+    cube[2, 2, :] = -0.1
+    found = channels_of(cube, WAVELENGTHS, np.ones(12, bool), 3, np.full(12, 0.01))
+    assert found.seen.sum() == 18 and not found.seen[1, 2] and not found.seen[2, 2]
+    assert found.noise[0, 0] == pytest.approx(0.01 / 2.0 / 0.2)
