@@ -53,8 +53,8 @@ def _agree(lines: LinesFile, given: Datum | None, run: Datum | None) -> None:
     own = lines.datum
     if own is not None and run is not None and (not _one_place(own, run) or own.utc_start != run.utc_start):
         raise ConfigError(
-            f"{lines.path}: its datum is {own}; that of the run's log is {run}. Are the lines of another run? Poses and "
-            "lines must count from one origin and one start"
+            f"{lines.path}: its datum is {own}; that of the run's log is {run}. Are the lines of another run? Poses "
+            "and lines must count from one origin and one start"
         )
     there, whose = (run, "the run's log") if run is not None else (own, str(lines.path))
     if given is not None and there is not None and not _one_place(given, there):
