@@ -86,8 +86,8 @@ def map_run(
         snr = found.lines.imager.file.smallest_snr
         joined = join(job, parts, out / CUBE, _what(found, job), snr)
         unknown = _budget(found, job, unsure)
-        remarks += lines.remarks + losses(counts, joined, int(lines.use.sum()) * found.lines.shape[1])
         used = int(lines.use.sum())
+        remarks += lines.remarks + losses(counts, joined, used * found.lines.shape[1])
         made = Made(found, job, joined, unknown, remarks, counts, resumed, used, ready.registration, ready.area)
         mosaic = write_all(made, out, begun, steps)
         parts.remove()
@@ -140,9 +140,10 @@ def prepare(found: Found) -> Ready:
     request, lines = found.request, found.lines
     if lines.counts:
         _ = lines.frames  # named here, before the work, where they are missing
+    _crs(found)
     area = None if request.area is None else rings_of(request.area, found.datum)
     if request.points is not None:
-        read_points(request.points, found.datum)  # what is wrong with it is named before the work, too
+        read_points(request.points, found.datum)  # as above: what is wrong with files and --crs, too
     t, navigation = found.times, found.navigation
     chosen = lines_to_use(found)
     first = Georeference(lines.imager, found.mount, navigation, found.first_floor())
@@ -169,6 +170,10 @@ def prepare(found: Found) -> Ready:
     return Ready(job, chosen, unsure, remarks + words, figures, rings)
 
 
+def _crs(found: Found) -> Any:
+    return crs_of(utm_of(found.datum) if found.request.crs == "utm" else found.request.crs, "--crs")
+
+
 def _laid_out(
     found: Found, place: Float[np.ndarray, "n 2"], area: Rings | None, depth: float
 ) -> tuple[Projection, Grid]:
@@ -177,8 +182,7 @@ def _laid_out(
     Raises:
         ConfigError: The coordinate system cannot be used, or there would be too many cells.
     """
-    request = found.request
-    crs = crs_of(utm_of(found.datum) if request.crs == "utm" else request.crs, "--crs")
+    request, crs = found.request, _crs(found)
     corners = [place.min(0), place.max(0), *(ring for part in area or [] for ring in part)]
     every = np.vstack(corners)
     projection = Projection.of(found.datum, crs, every.min(0) - 0.2, every.max(0) + 0.2, depth)
