@@ -105,7 +105,7 @@ def test_pixels_beyond_the_edge_and_cells_without_a_colour_are_counted():
     words = " ".join(losses({"missed": 2, "saturated": 4, "samples": 100}, joined, 15))
     assert "7 pixels lie beyond" in words and "25.0% of the cells seen have no number in red, green or blue" in words
     rgb[0, 0, 1] = 0.5
-    assert losses({"missed": 2}, joined, 8) == []
+    assert losses({"missed": 2}, joined, 8) == ["2 pixels see no floor within reach"]
 
 
 def test_the_grid_has_a_margin_and_the_map_holds_the_area(found):
