@@ -1,5 +1,6 @@
 """rovtwin map: a georeferenced mosaic of an imager's lines."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -86,7 +87,7 @@ def map_lines(
     folder = Path() if run is None else run if run.is_dir() else run.parent
     request = MapRequest(
         lines or folder / "lines.h5", navigation, floor, depth, dem_values == "height", resolution, crs, radiance,
-        water, blend == "best", max_turn * 0.017453292519943295, clock_offset,
+        water, blend == "best", math.radians(max_turn), clock_offset,
         float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points, register,
         control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
@@ -108,6 +109,8 @@ def map_lines(
     for name, value, unit in made.figures_table():
         rows.add_row(name, figure(value, unit))
     shown.print(rows)
+    if resumed := made.about["figures"]["resumed_parts"]:
+        shown.print(f"went on where an earlier call broke off: {resumed} blocks of lines were there", soft_wrap=True)
     for remark in made.remarks():
         shown.print(f"- {remark}", markup=False, soft_wrap=True)
     shown.print(f"wrote {made.folder}: open {made.folder / 'report.html'}", markup=False, soft_wrap=True)

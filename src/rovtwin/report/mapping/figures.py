@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -24,6 +24,7 @@ class Sheet:
         bottom: y of its southern edge [m].
         cell: Side of a cell [m].
         crs: Name of the map's system.
+        without: Cells that were seen and have no colour; None: none.
     """
 
     rgb: UInt8[np.ndarray, "row column 4"]
@@ -31,6 +32,7 @@ class Sheet:
     bottom: float
     cell: float
     crs: str
+    without: Bool[np.ndarray, "row column"] | None = None
 
     @property
     def size(self) -> tuple[float, float]:
@@ -72,6 +74,16 @@ def lay(axes: Axes, sheet: Sheet, image: np.ndarray, **given: Any) -> Any:
     return shown
 
 
+def _hatch(axes: Axes, sheet: Sheet) -> None:
+    """Cells without a colour."""
+    if sheet.without is None or not sheet.without.any() or min(sheet.without.shape) < 2:
+        return
+    wide, high = sheet.size
+    there = _thin(sheet.without).astype(float)
+    extent = (0.0, wide, 0.0, high)
+    axes.contourf(there, [0.5, 1.5], colors="none", hatches=["//////"], extent=extent, origin="upper")
+
+
 def sheet_height(sheet: Sheet, width: float, most: float = 8.0) -> float:
     """Of a figure of a width that shows the sheet [inches]."""
     wide, high = sheet.size
@@ -84,6 +96,7 @@ def picture(sheet: Sheet, spectra: Sequence[Spectrum], ways: Sequence[Float[np.n
     axes = figure.subplots()
     axes.set_facecolor("#dfe5ea")
     lay(axes, sheet, sheet.rgb)
+    _hatch(axes, sheet)
     for way in ways:
         axes.plot(*(np.asarray(way) - [sheet.left, sheet.bottom]).T, color="white", linewidth=0.7, alpha=0.55)
     for colour, one in zip(series_colours(len(spectra)), spectra, strict=True):

@@ -8,8 +8,9 @@ import json
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,11 +20,22 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.imaging.files import imager_as_data
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.cells.gridding import Grid, Parts
-from rovtwin.mapping.cells.mosaic import Job, Joined, join, make_parts
+from rovtwin.mapping.cells.mosaic import Job, join, make_parts
 from rovtwin.mapping.cells.radiometry import Budget, Calibrated, Correction, Unsure, budget
 from rovtwin.mapping.georeference import Georeference
 from rovtwin.mapping.projection import Projection, crs_of, rasterio, utm_of
-from rovtwin.runs.mapping.registering import UNITS, Registered, errors_before, registered, sigma_layers
+from rovtwin.runs.mapping.area import Rings, on_map, rings_of
+from rovtwin.runs.mapping.losses import losses
+from rovtwin.runs.mapping.noting import remove_old
+from rovtwin.runs.mapping.points import read_points
+from rovtwin.runs.mapping.registering import (
+    UNITS,
+    Registered,
+    errors_before,
+    registered,
+    registration_figures,
+    sigma_layers,
+)
 from rovtwin.runs.mapping.request import FORMATS, MapRequest, WaterFile
 from rovtwin.runs.mapping.result import CUBE, NOTE, Mosaic
 from rovtwin.runs.mapping.selection import Lines, lines_to_use
@@ -33,6 +45,7 @@ from rovtwin.runs.mapping.writing import Made, write_all
 _FORMAT = 1  # of what parts are made of: a change that changes them raises it
 _SAMPLED = 24  # lines of which the budget of uncertainty is taken
 _FINEST, _COARSEST = 0.001, 5.0  # cells [m]
+_MARGIN = 0.05  # of the grid beyond the pixels that are located to lay it out [m]
 _EVERY = 8  # lines from one whose ends are located, for the mosaic's box, to the next
 
 
@@ -60,10 +73,11 @@ def map_run(
     rasterio("rovtwin map")
     _check(request, out, overwrite)
     with (found := find(run, request)).lines:
-        job, lines, unsure, remarks = prepare(found)
+        ready = prepare(found)
+        job, lines, unsure, remarks = ready.job, ready.lines, ready.unsure, ready.remarks
         _check_room(out, job, request)
         out.mkdir(parents=True, exist_ok=True)
-        (out / NOTE).unlink(missing_ok=True)  # a mosaic is whole when its note is there
+        remove_old(out)  # a mosaic is whole when its note is there
         parts = Parts(out / ".parts", key_of(found, job))
         steps = progress or (lambda what, done, count: None)
         resumed = make_parts(job, parts, lambda done, count: steps("lines", done, count))
@@ -72,8 +86,9 @@ def map_run(
         snr = found.lines.imager.file.smallest_snr
         joined = join(job, parts, out / CUBE, _what(found, job), snr)
         unknown = _budget(found, job, unsure)
-        remarks += lines.remarks + _losses(counts, joined)
-        made = Made(found, job, joined, unknown, remarks, counts, resumed, int(lines.use.sum()))
+        used = int(lines.use.sum())
+        remarks += lines.remarks + losses(counts, joined, used * found.lines.shape[1])
+        made = Made(found, job, joined, unknown, remarks, counts, resumed, used, ready.registration, ready.area)
         mosaic = write_all(made, out, begun, steps)
         parts.remove()
     return mosaic
@@ -94,8 +109,29 @@ def _check(request: MapRequest, out: Path, overwrite: bool) -> None:
         raise ConfigError(f"{out}: holds other files; say a folder that is empty or not there")
 
 
-def prepare(found: Found) -> tuple[Job, Lines, WaterFile, list[str]]:
-    """What is to be made of what was found, which lines count, how unsure light and water are, and remarks.
+@dataclass(frozen=True)
+class Ready:
+    """All that is known before the work.
+
+    Attributes:
+        job: What is to be made.
+        lines: Which count.
+        unsure: How unsure light and water are.
+        remarks: For people.
+        registration: Figures of it; empty without.
+        area: That was to be seen, as rings of x and y; None: nobody says.
+    """
+
+    job: Job
+    lines: Lines
+    unsure: WaterFile
+    remarks: list[str]
+    registration: dict[str, Any]
+    area: Rings | None
+
+
+def prepare(found: Found) -> Ready:
+    """What is to be made of what was found.
 
     Raises:
         ConfigError: Something is missing.
@@ -104,38 +140,63 @@ def prepare(found: Found) -> tuple[Job, Lines, WaterFile, list[str]]:
     request, lines = found.request, found.lines
     if lines.counts:
         _ = lines.frames  # named here, before the work, where they are missing
+    _crs(found)
+    area = None if request.area is None else rings_of(request.area, found.datum)
+    if request.points is not None:
+        read_points(request.points, found.datum)  # as above: what is wrong with files and --crs, too
     t, navigation = found.times, found.navigation
     chosen = lines_to_use(found)
-    some = t[chosen.use][:: max(1, min(_EVERY, int(chosen.use.sum()) // 50))]
-    ends = slice(0, None, max(lines.shape[1] - 1, 1) // 2 or 1)
     first = Georeference(lines.imager, found.mount, navigation, found.first_floor())
-    place = _places(first, some, ends)
+    place = _places(first, t[chosen.use])
     floor, height, remarks = found.floor(place.min(0), place.max(0))
     georeference = replace(first, floor=floor)
-    place = _places(georeference, some, ends)
-    crs = crs_of(utm_of(found.datum) if request.crs == "utm" else request.crs, "--crs")
-    depth = float(first.floor.depth)  # type: ignore[attr-defined]  # of a level plane
-    projection = Projection.of(found.datum, crs, place.min(0) - 0.2, place.max(0) + 0.2, depth)
-    grid = Grid.over(crs, projection.to_map(place), request.resolution)
     model, water, words = found.light()
     height = height if water.height_sd is None else water.height_sd
-    done, errors = _registered(found, georeference, t, chosen, height)
+    done, errors, figures = _registered(found, georeference, t, chosen, height)
     if done is not None:
         georeference, t = done.georeference, t + done.delay
         remarks = remarks + done.remarks
+    # Laid out only now: registration moves pixels, and those beyond the grid would be lost.
+    depth = float(found.first_floor().depth)
+    projection, grid = _laid_out(found, _places(georeference, t[chosen.use]), area, depth)
     more = None if errors is None else sigma_layers(errors, georeference, t, chosen.use, height)
     calibrated = Calibrated(lines, Correction(lines.imager, model))
     units = {} if more is None else UNITS
     job = Job(calibrated, georeference, projection, grid, t, chosen.use, request.best, more, units)
     if navigation.dropped:
         remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
-    return job, chosen, water.model_copy(update={"height_sd": height}), remarks + words
+    unsure = water.model_copy(update={"height_sd": height})
+    rings = None if area is None else on_map(area, projection)
+    return Ready(job, chosen, unsure, remarks + words, figures, rings)
+
+
+def _crs(found: Found) -> Any:
+    return crs_of(utm_of(found.datum) if found.request.crs == "utm" else found.request.crs, "--crs")
+
+
+def _laid_out(
+    found: Found, place: Float[np.ndarray, "n 2"], area: Rings | None, depth: float
+) -> tuple[Projection, Grid]:
+    """Map and cells over where pixels lie, with a margin for those that were not looked at; the map over the area, too.
+
+    Raises:
+        ConfigError: The coordinate system cannot be used, or there would be too many cells.
+    """
+    request, crs = found.request, _crs(found)
+    corners = [place.min(0), place.max(0), *(ring for part in area or [] for ring in part)]
+    every = np.vstack(corners)
+    projection = Projection.of(found.datum, crs, every.min(0) - 0.2, every.max(0) + 0.2, depth)
+    xy, margin = projection.to_map(place), max(_MARGIN, 2.0 * request.resolution)
+    grid = Grid.over(crs, np.stack([xy.min(0) - margin, xy.max(0) + margin]), request.resolution)
+    if area is not None:  # named before the work, where its cells are too many
+        Grid.over(crs, projection.to_map(every), request.resolution)
+    return projection, grid
 
 
 def _registered(
     found: Found, georeference: Georeference, t: Float[np.ndarray, " line"], chosen: Lines, height: float
-) -> tuple[Registered | None, JointErrors | None]:
-    """Poses put right where that is asked for, and what is known of errors; None where nothing is."""
+) -> tuple[Registered | None, JointErrors | None, dict[str, Any]]:
+    """Poses put right where that is asked for, what is known of errors, and figures; None where nothing is."""
     asked = found.request.register or found.request.control is not None
     joint = errors_before(found, t, chosen.use)
     if joint is None:
@@ -144,15 +205,18 @@ def _registered(
                 "--register, --control: need a smoothed track with its key frames (smoothed.mcap, smoothed_keys.nc): "
                 f"rovtwin smooth {found.run or 'RUN'}, and --navigation smoothed"
             )
-        return None, None
+        return None, None, {}
     if not asked:
-        return None, joint
-    done = registered(found, georeference, t, joint, height)
-    return done, done.joint
+        return None, joint, {}
+    done = registered(found, georeference, t, chosen.use, joint, height)
+    return done, done.joint, registration_figures(done, joint)
 
 
-def _places(georeference: Georeference, t: Float[np.ndarray, " n"], pixels: slice) -> Float[np.ndarray, "m 2"]:
-    place = georeference.locate(t, pixels).point[..., :2].reshape(-1, 2)
+def _places(georeference: Georeference, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m 2"]:
+    """Of the ends and the middle of some lines, the last one among them."""
+    some = np.r_[t[:: max(1, min(_EVERY, len(t) // 50))], t[-1:]]
+    ends = slice(0, None, max(georeference.imager.pixels - 1, 1) // 2 or 1)
+    place = georeference.locate(some, ends).point[..., :2].reshape(-1, 2)
     place = place[np.isfinite(place).all(axis=1)]
     if not len(place):
         raise LogError("no pixel of any line meets the floor: does the imager look at it, and is its depth right?")
@@ -193,20 +257,6 @@ def _budget(found: Found, job: Job, water: WaterFile) -> Budget | None:
         some.append((int(number), located, found.lines.read(number, number + 1)))
     assert water.height_sd is not None
     return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd))
-
-
-def _losses(counts: dict[str, int], joined: Joined) -> list[str]:
-    remarks = []
-    if counts.get("saturated"):
-        share = counts["saturated"] / max(counts["samples"], 1)
-        remarks.append(f"{share:.2%} of the counts are full and masked")
-    if counts.get("missed"):
-        remarks.append(f"{counts['missed']} pixels see no floor within reach")
-    filled = int((joined.seen & ~joined.direct).sum())
-    if filled:
-        remarks.append(f"{filled} cells ({filled / max(int(joined.seen.sum()), 1):.1%}) between two lines are filled "
-                       "from their neighbours; their coverage is 0")  # fmt: skip
-    return remarks
 
 
 def key_of(found: Found, job: Job) -> str:

@@ -44,29 +44,55 @@ class Point:
     truth: Float[np.ndarray, " band"] | None
 
 
+def columns_of(
+    option: str, path: Path, *kinds: tuple[str, ...]
+) -> tuple[list[str], Float[np.ndarray, "row column"], tuple[str, ...]]:
+    """Names and numbers of a CSV file whose head is one of these, the first column the name; and which head it is.
+
+    Raises:
+        ConfigError: It cannot be read, has other columns, or something in it is no finite number.
+    """
+    try:
+        rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{option} {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    kind = next((k for k in kinds if rows and all(name in rows[0] for name in k)), None)
+    if kind is None:
+        found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
+        raise ConfigError(f"{option} {path}: found {found}, expected {' or '.join(','.join(k) for k in kinds)}")
+    table = np.array([[_number(row[name]) for name in kind[1:]] for row in rows])
+    names = [row[kind[0]] or f"row {number}" for number, row in enumerate(rows, 2)]
+    if (wrong := np.argwhere(~np.isfinite(table))).size:
+        k, column = (int(i) for i in wrong[0])
+        raise ConfigError(
+            f"{option} {path}: row {k + 2} ({names[k]}): found '{rows[k][kind[column + 1]]}' for "
+            f"{kind[column + 1]}, expected a finite number. Write one, or take the row out"
+        )
+    return names, table, kind
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or "")
+    except ValueError:
+        return float("nan")
+
+
 def read_points(path: Path, datum: Datum) -> list[tuple[str, Float[np.ndarray, "2"]]]:
     """Names and places of a CSV file: name,north,east [m] or name,latitude,longitude [deg].
 
     Raises:
         ConfigError: It cannot be read, or has other columns or no numbers.
     """
-    try:
-        rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"--points {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    kind = next((k for k in _KINDS if rows and all(name in rows[0] for name in k)), None)
-    if kind is None:
-        found = ", ".join(rows[0]) if rows else "no rows"
-        raise ConfigError(f"--points {path}: found {found}, expected name,north,east or name,latitude,longitude")
-    points = []
-    for number, row in enumerate(rows, 2):
-        try:
-            a, b = float(row[kind[1]]), float(row[kind[2]])
-        except (TypeError, ValueError):
-            raise ConfigError(f"--points {path}: line {number}: expected numbers for {kind[1]} and {kind[2]}") from None
-        place = np.array([a, b]) if kind == _KINDS[0] else datum.position(a, b, 0.0)[:2]
-        points.append((row["name"] or f"line {number}", place))
-    return points
+    names, table, kind = columns_of("--points", path, *_KINDS)
+    places = table if kind == _KINDS[0] else [datum.position(a, b, 0.0)[:2] for a, b in table]
+    return list(zip(names, places, strict=True))
+
+
+def without_value(points: list[Point]) -> list[str]:
+    """A remark that names the places that the mosaic has no cell of; none where it has all."""
+    names = [point.name for point in points if not np.isfinite(point.value).any()]
+    return [f"places outside the mosaic, or where nothing was seen: {', '.join(names)}"] if names else []
 
 
 def usual_points(

@@ -1,31 +1,32 @@
 """Errors of poses and calibration: how unsure a mosaic's places are, and what overlaps and known points take away."""
 
-import csv
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import RegularGridInterpolator
+from scipy.ndimage import distance_transform_edt
 
 from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.core.errors import ConfigError, LogError
-from rovtwin.core.user_files.files import read_text
 from rovtwin.mapping.alignment.calibration import calibration_findings
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.alignment.matching import match_strips
 from rovtwin.mapping.alignment.registration import Registration, register
 from rovtwin.mapping.alignment.sights import CALIBRATION, sights
-from rovtwin.mapping.alignment.strips import straight_runs, strip_of
+from rovtwin.mapping.alignment.strips import SHORTEST, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import ControlPoints, Observations, Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference, Located
+from rovtwin.runs.mapping.points import columns_of
 from rovtwin.runs.mapping.sources import Found
 
 UNITS = {"sigma": "m", "sigma_within": "m"}  # of the place, as a whole and within the mosaic
 _SHOWN = (500.0, 620.0)  # whose mean is the brightness that is matched [nm]
+FEW = 10  # ties and control points below which NIS says little
 _LINES, _PIXELS = 24, 9  # lines from one whose uncertainty is computed to the next; pixels of each
 _READ = 128  # lines read at once
 _COLUMNS = ("name", "line", "pixel", "north", "east", "sd")
@@ -72,26 +73,36 @@ def errors_before(found: Found, t: Float[np.ndarray, " line"], use: Bool[np.ndar
 
 
 def registered(
-    found: Found, georeference: Georeference, t: Float[np.ndarray, " line"], joint: JointErrors, height: float
+    found: Found,
+    georeference: Georeference,
+    t: Float[np.ndarray, " line"],
+    use: Bool[np.ndarray, " line"],
+    joint: JointErrors,
+    height: float,
 ) -> Registered:
     """Update poses and calibration from overlaps of strips and from control points, where these are asked for.
+
+    Only lines that are used count: those of turns and outside the time asked for have no part in the mosaic.
 
     Raises:
         ConfigError: The control points' file is wrong.
         LogError: There is nothing to go by, or it contradicts itself.
     """
     request = found.request
-    ties = _ties(found, georeference, t) if request.register else _no_ties()
-    control = None if request.control is None else read_control(request.control, found, t)
+    ties = _ties(found, georeference, t, use) if request.register else _no_ties()
+    control, unused = (None, []) if request.control is None else read_control(request.control, found, t, use)
     observed = observe(joint, georeference, ties, control, height)
     if not len(observed.d):
-        raise LogError("--register: found no overlap in which two lines could be tied; fly lines with more overlap")
+        why = " ".join(unused) or "fly lines with more overlap"
+        raise LogError(f"--register, --control: found no overlap in which two lines could be tied, nor a point; {why}")
     done = register(joint, observed)
     low, high = done.interval
     remarks = [
         f"registered by {int(done.used.sum())} of {len(done.used)} ties and control points ({done.dropped} false): "
         f"{1e3 * done.before:.0f} mm rms before, {1e3 * done.after:.0f} mm after; NIS {done.nis:.2f} "
-        f"(95 %: {low:.2f} to {high:.2f})"
+        f"(95 %: {low:.2f} to {high:.2f})",
+        *unused,
+        *_doubts(done),
     ]
     for one in calibration_findings(joint, done.joint):
         if not one.refused:
@@ -100,6 +111,41 @@ def registered(
     mount, delay = done.joint.mounted(georeference.mount)
     better = replace(georeference, navigation=done.joint.applied(georeference.navigation), mount=mount)
     return Registered(better, delay, done.joint, done, observed, remarks)
+
+
+def _doubts(done: Registration) -> list[str]:
+    """What makes the standard deviations of places doubtful."""
+    low, high = done.interval
+    remarks = []
+    if done.nis > high:
+        remarks.append("NIS is above its 95 %: places are less sure than sigma says (poses, floor, mount or clock)")
+    if done.nis < low:
+        remarks.append("NIS is below its 95 %: lines agree better than sigma says; it is too large")
+    if (count := int(done.used.sum())) < FEW:
+        remarks.append(f"only {count} ties and control points: too few to judge sigma by NIS (expected {FEW} or more)")
+    return remarks
+
+
+def registration_figures(done: Registered, before: JointErrors) -> dict[str, Any]:
+    """Of a registration, for the note of a mosaic: ties, NIS, and each parameter of calibration, refused or not."""
+    what = done.registration
+    if what is None:
+        return {}
+    calibration = {
+        one.name: {
+            "value": one.value, "sd": one.std, "sd_before": one.prior, "correlation": one.correlation,
+            "unit": _unit(one.name), "refused": one.refused,
+        }
+        for one in calibration_findings(before, what.joint)
+    }  # fmt: skip
+    return {
+        "ties_used": int(what.used.sum()), "ties_dropped": what.dropped, "rms_before_m": what.before,
+        "rms_after_m": what.after, "nis": what.nis, "nis_95": list(what.interval), "calibration": calibration,
+    }  # fmt: skip
+
+
+def _unit(name: str) -> str:
+    return "rad" if name.startswith("boresight") else "m" if name.startswith("lever") else "s"
 
 
 def _shown(name: str, value: float, sd: float) -> tuple[float, float, str]:
@@ -113,18 +159,32 @@ def _no_ties() -> Ties:
     return Ties(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
 
 
-def _ties(found: Found, georeference: Georeference, t: Float[np.ndarray, " line"]) -> Ties:
-    """Between all straight runs of lines, by their brightness."""
+def _ties(
+    found: Found, georeference: Georeference, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
+) -> Ties:
+    """Between all straight runs of lines that are used, by their brightness."""
     w = found.lines.wavelengths
     bands = np.flatnonzero((w >= _SHOWN[0]) & (w <= _SHOWN[1]))
     bands = bands if len(bands) else np.arange(len(w))
     strips = []
-    for run in straight_runs(georeference.navigation, t):
+    for run in used_runs(straight_runs(georeference.navigation, t), t, use):
         bright = np.concatenate(
             [_bright(found, a, min(a + _READ, run[-1] + 1), bands) for a in range(run[0], run[-1] + 1, _READ)]
         )
         strips.append(strip_of(georeference, t[run[0] : run[-1] + 1], bright))
     return match_strips(strips)
+
+
+def used_runs(
+    runs: list[Int[np.ndarray, " n"]], t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
+) -> list[Int[np.ndarray, " n"]]:
+    """Runs of lines without those that are not used; cut where some are left out, short ones dropped."""
+    kept = []
+    for run in runs:
+        at = run[use[run]]
+        pieces = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+        kept += [one for one in pieces if len(one) and t[one[-1]] - t[one[0]] >= SHORTEST]
+    return kept
 
 
 def _bright(found: Found, first: int, last: int, bands: np.ndarray) -> Float[np.ndarray, "line pixel"]:
@@ -135,34 +195,33 @@ def _bright(found: Found, first: int, last: int, bands: np.ndarray) -> Float[np.
     return np.where(full, np.nan, cube.mean(axis=-1, dtype=float))
 
 
-def read_control(path: Path, found: Found, t: Float[np.ndarray, " line"]) -> ControlPoints:
+def read_control(
+    path: Path, found: Found, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
+) -> tuple[ControlPoints | None, list[str]]:
     """Of a CSV file: name, number of the line and pixel that saw it, north and east [m], standard deviation [m].
+
+    Points that only lines saw that are not used are left out, and named in a remark.
 
     Raises:
         ConfigError: It cannot be read, or has other columns, no numbers, or lines and pixels that there are not.
     """
-    try:
-        rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"--control {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if not rows or any(name not in rows[0] for name in _COLUMNS):
-        there = ", ".join(rows[0]) if rows else "no rows"
-        raise ConfigError(f"--control {path}: found {there}, expected {','.join(_COLUMNS)}")
-    values = []
-    for number, row in enumerate(rows, 2):
-        try:
-            values.append([float(row[name]) for name in _COLUMNS[1:]])
-        except (TypeError, ValueError):
-            raise ConfigError(f"--control {path}: line {number}: expected numbers but for the name") from None
-    table = np.array(values)
+    names, table, _ = columns_of("--control", path, _COLUMNS)
     lines, pixels, _ = found.lines.shape
     wrong = (table[:, 0] < 0) | (table[:, 0] > lines - 1) | (table[:, 1] < 0) | (table[:, 1] > pixels - 1)
-    if (wrong | ~(table[:, 4] > 0)).any():
+    if (wrong := wrong | ~(table[:, 4] > 0)).any():
+        k = int(np.argmax(wrong))
         raise ConfigError(
-            f"--control {path}: expected lines from 0 to {lines - 1}, pixels from 0 to {pixels - 1}, and sd above 0"
+            f"--control {path}: row {k + 2} ({names[k]}): found line {table[k, 0]:g}, pixel {table[k, 1]:g}, sd "
+            f"{table[k, 4]:g}; expected lines from 0 to {lines - 1}, pixels from 0 to {pixels - 1}, and sd above 0"
         )
-    when = np.interp(table[:, 0], np.arange(lines), t)
-    return ControlPoints(when, table[:, 1], table[:, 2:4], table[:, 4], tuple(row["name"] for row in rows))
+    kept = use[np.rint(table[:, 0]).astype(int)]
+    left = [name for name, there in zip(names, kept, strict=True) if not there]
+    remarks = [f"control points in lines that are not used are left out: {', '.join(left)}"] if left else []
+    if not kept.any():
+        return None, remarks
+    when = np.interp(table[kept, 0], np.arange(lines), t)
+    some = tuple(name for name, there in zip(names, kept, strict=True) if there)
+    return ControlPoints(when, table[kept, 1], table[kept, 2:4], table[kept, 4], some), remarks
 
 
 def sigma_layers(
@@ -184,11 +243,14 @@ def sigma_layers(
     some = np.unique(t[use][np.linspace(0, int(use.sum()) - 1, max(int(use.sum()) // _LINES, 2)).astype(int)])
     pixels = np.linspace(0.0, where.imager.pixels - 1.0, _PIXELS)
     when, which = (x.ravel() for x in np.meshgrid(some, pixels, indexing="ij"))
-    found = point_uncertainty(joint, sights(where, when, which), height)
+    seen = sights(where, when, which)
+    found = point_uncertainty(joint, seen, height)
     shape = (len(some), len(pixels))
     tables = {
-        "sigma": RegularGridInterpolator((some, pixels), found.sigma("absolute").reshape(shape)),
-        "sigma_within": RegularGridInterpolator((some, pixels), found.sigma("within").reshape(shape)),
+        name: RegularGridInterpolator(
+            (some, pixels), filled(found.sigma(kind).reshape(shape), seen.valid.reshape(shape))
+        )
+        for name, kind in (("sigma", "absolute"), ("sigma_within", "within"))
     }
     numbers = np.arange(where.imager.pixels, dtype=float)
 
@@ -198,3 +260,11 @@ def sigma_layers(
         return {name: table(place) for name, table in tables.items()}
 
     return layers
+
+
+def filled(table: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
+    """Of nodes that see no floor, whose derivatives are zero and say nothing: the value of the nearest that does."""
+    if not valid.any():
+        return np.full(table.shape, np.nan)
+    nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
+    return table[tuple(nearest)]  # type: ignore[arg-type]

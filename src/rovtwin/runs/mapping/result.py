@@ -125,6 +125,9 @@ class Mosaic(Result):
         ):
             if f.get(name) is not None:
                 rows.append((label, f[name], unit))
+        if (ties := f.get("registration")) is not None:
+            rows.append(("ties and control points used", ties["ties_used"], ""))
+            rows.append(("NIS of them (95 %: {:.2f} to {:.2f})".format(*ties["nis_95"]), ties["nis"], ""))
         return rows
 
     def remarks(self) -> list[str]:

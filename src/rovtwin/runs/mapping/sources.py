@@ -9,7 +9,7 @@ import yaml
 from jaxtyping import Float
 
 from rovtwin.core.datum import Datum
-from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.user_files.config import parse, read_yaml
 from rovtwin.imaging.floor import Floor, Plane
@@ -24,12 +24,14 @@ from rovtwin.mapping.navigation import Navigation
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import sensors_of, without_own
 from rovtwin.runs.compose.world import on_world_floor
+from rovtwin.runs.mapping.dating import date
 from rovtwin.runs.mapping.request import NAVIGATIONS, MapRequest, WaterFile
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
+_NO_FILE = ("altimeter", "plane", "truth")  # floors that are no raster file
 _REACH = 1.5  # of the floor beyond the pixels' first estimate [m]
 
 
@@ -58,7 +60,7 @@ class Found:
         Raises:
             ConfigError: Nobody says.
         """
-        datum = self.lines.datum or self.request.datum
+        datum = self.lines.datum
         if datum is None:
             raise ConfigError(
                 f"{self.lines.path}: says nothing of a datum, the origin of north, east, down. Say --datum "
@@ -160,15 +162,30 @@ class Found:
         """A level floor, good enough to see how far pixels reach.
 
         Raises:
-            ConfigError: Nobody knows how deep it is.
+            ConfigError: Nobody knows how deep it is, or the file of heights cannot be used.
         """
+        return self._first
+
+    @cached_property
+    def _first(self) -> Plane:
         if self.request.depth is not None:
             return Plane(self.request.depth)
         if self.hits is not None and len(self.hits[0]):
             return Plane(float(np.median(self.hits[0][:, 2])))
         if self.lines.truth is not None and np.isfinite(self.lines.truth.floor).any():
             return Plane(float(np.nanmedian(self.lines.truth.floor)))
+        if self.request.floor not in _NO_FILE:
+            where = self.navigation.at(self.times)
+            below = where.position[where.valid, :2]
+            if len(below):
+                known = self._elevation(below.min(0) - _REACH, below.max(0) + _REACH).depth_and_slope(below)[0]
+                if np.isfinite(known).any():
+                    return Plane(float(np.nanmedian(known)))
         raise ConfigError("nobody knows how deep the floor is: no altimeter in the run's log. Say --depth METRES")
+
+    def _elevation(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> GridFloor:
+        given = Elevation(depths=not self.request.heights)
+        return elevation_model(Path(self.request.floor), self.datum, low, high, given)
 
     def floor(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[Floor, float, list[str]]:
         """The floor as asked for over a box of north and east [m], the standard deviation of its height, and remarks.
@@ -179,7 +196,7 @@ class Found:
         """
         asked, low, high = self.request.floor, low - _REACH, high + _REACH
         if asked == "plane":
-            plane = self._plane()
+            plane = self.first_floor()
             return plane, 0.1, [f"floor: a level plane at {plane.depth:.2f} m"]
         if asked == "truth":
             if self.scene is None or self.scene.floor is None:
@@ -193,13 +210,8 @@ class Found:
                 f"varies by {surface.scale:.2f} m over {surface.length:.1f} m, unsure by {sigma:.3f} m in the middle"
             )
             return surface.floor, sigma, [word]
-        found: GridFloor = elevation_model(
-            Path(asked), self.datum, low, high, Elevation(depths=not self.request.heights)
-        )
+        found = self._elevation(low, high)
         return found, float(found.sigma.mean()), [f"floor: {found.source}"]
-
-    def _plane(self) -> Plane:
-        return self.first_floor()
 
     def surface(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Surface:
         """The likeliest floor through the altimeter's echoes.
@@ -249,30 +261,22 @@ def find(run: Path | None, request: MapRequest) -> Found:
     """Open what is there.
 
     Raises:
-        ConfigError: The scenario beside the log is missing or wrong.
-        LogError: A file is missing, damaged, or none of lines.
+        ConfigError: The scenario beside the log is missing or wrong, or lines and log have two origins.
+        LogError: A file is missing, damaged, or none of lines, or nobody knows when the run's clock began.
     """
     imager = request.imager
     lines = LinesFile(request.lines, load_imager(imager) if isinstance(imager, str) else imager)
     try:
-        if request.datum is not None and lines.datum is None:
-            _dated(lines, request.datum)
         if run is None:
+            date(lines, request.datum, None)
             return Found(None, None, None, lines, request)
         path = run / "log.mcap" if run.is_dir() else run
         beside = path.with_name("scenario.yaml")
         if not beside.exists():
             raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and floor it is of")
-        return Found(path.parent, Log.read(path), load_scenario(beside), lines, request)
+        log = Log.read(path)
+        date(lines, request.datum, log)
+        return Found(path.parent, log, load_scenario(beside), lines, request)
     except BaseException:
         lines.close()
         raise
-
-
-def _dated(lines: LinesFile, datum: Datum) -> None:
-    """Give a file of an instrument a place; its clock counts from its first line then."""
-    start = np.datetime64(int(lines.t[0] * 1e3), "ms")
-    lines.datum = Datum(datum.latitude, datum.longitude, datum.height, f"{start}Z")
-    lines.t = lines.t - float(start.astype(np.int64)) * 1e-3
-    if not np.isfinite(lines.t).all():
-        raise LogError(f"{lines.path}: its stamps are no times")

@@ -1,6 +1,5 @@
 """All files of a mosaic but its cube, and the note that makes it whole."""
 
-import hashlib
 import json
 import time
 from collections.abc import Callable
@@ -9,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 from PIL import Image
 
 from rovtwin._version import __version__
@@ -26,6 +24,8 @@ from rovtwin.report.mapping import figures
 from rovtwin.report.mapping.page import write_map_page
 from rovtwin.report.parts.page import Picture, save
 from rovtwin.report.parts.tables import Table
+from rovtwin.runs.mapping.area import Rings, gaps_of, hull_of
+from rovtwin.runs.mapping.noting import WHAT, hashes_of, settings_of
 from rovtwin.runs.mapping.points import (
     Agreement,
     Point,
@@ -33,26 +33,13 @@ from rovtwin.runs.mapping.points import (
     read_points,
     usual_points,
     with_spectra,
+    without_value,
     write_spectra,
 )
 from rovtwin.runs.mapping.result import NOTE, Mosaic
 from rovtwin.runs.mapping.sources import Found
-from rovtwin.survey.area import read_area
 
 _SMALL = 300e6  # bytes of a cube that is written as GeoTIFF unasked
-_WHAT = {
-    "cube.img": "all bands: ENVI, BIL, float32, with header cube.hdr",
-    "cube.tif": "all bands: cloud-optimised GeoTIFF",
-    "mosaic.nc": "all bands and layers: netCDF by the CF conventions",
-    "rgb.tif": "picture: cloud-optimised GeoTIFF with opacity",
-    "rgb.png": "picture",
-    "layers.tif": "coverage, range, incidence, time, depth, noise, sigmas of the place: cloud-optimised GeoTIFF",
-    "gaps.geojson": "what was not seen inside the area",
-    "navigation.csv": "poses as Immersion reads them",
-    "spectra.csv": "spectra of places",
-    "uncertainty.csv": "how unsure reflectance is by band, and by what",
-    "map.json": "figures, settings, hashes",
-}
 
 
 @dataclass(frozen=True)
@@ -68,6 +55,8 @@ class Made:
         counts: Of what was left out.
         resumed: Parts that an earlier, broken call had made.
         lines_used: How many lines count.
+        registration: Figures of it; empty without.
+        area: That was to be seen, rings of x and y; None: the hull of what was.
     """
 
     found: Found
@@ -78,6 +67,8 @@ class Made:
     counts: dict[str, int]
     resumed: int
     lines_used: int
+    registration: dict[str, Any]
+    area: Rings | None
 
 
 def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int, int], None]) -> Mosaic:
@@ -90,7 +81,8 @@ def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int,
     about = _about(made)
     mosaic = Mosaic(out, about)
     alike = job.calibrated.correction.model is not None
-    rgb = picture(made.joined.rgb, made.joined.seen, alike)
+    whole = np.isfinite(made.joined.rgb).all(-1)  # a cell without one of the three colours has no colour to be shown
+    rgb = picture(made.joined.rgb, made.joined.seen & whole, alike)
     progress("writing", 1, 4)
     _rasters(made, mosaic, rgb)
     progress("writing", 2, 4)
@@ -103,13 +95,14 @@ def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int,
     )
     scene = None if found.request.radiance else found.scene
     points = with_spectra(places, mosaic, job.projection, scene)
+    made.remarks.extend(without_value(points))
     write_spectra(out / "spectra.csv", points, mosaic.wavelengths)
     agreed = None if scene is None else agreement(mosaic, job.grid, job.projection, scene, made.joined.direct)
     if agreed is not None:
         about["figures"] |= {"error_median": agreed.error, "angle_deg": float(np.degrees(agreed.angle))}
     _uncertainty(made, out, agreed)
     progress("writing", 3, 4)
-    about["sha256"] = {found.lines.path.name: _digest(found.lines.path)}
+    about["sha256"] = hashes_of(found, job.georeference.navigation.source)
     about["figures"]["seconds"] = time.monotonic() - begun
     _page(made, mosaic, rgb, points, agreed)
     try:
@@ -122,7 +115,7 @@ def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int,
 
 def _about(made: Made) -> dict[str, Any]:
     found, job, joined = made.found, made.job, made.joined
-    request, lines, grid = found.request, found.lines, job.grid
+    lines, grid = found.lines, job.grid
     span = joined.layers["range"][0]
     figures = {
         "lines": lines.shape[0],
@@ -134,18 +127,8 @@ def _about(made: Made) -> dict[str, Any]:
         "resumed_parts": made.resumed,
         **{f"pixels_{name}": count for name, count in made.counts.items() if name != "samples"},
     }
-    settings = {
-        "lines": lines.path.name,
-        "run": None if found.run is None else found.run.resolve().name,
-        "navigation": job.georeference.navigation.source,
-        "floor": request.floor,
-        "resolution_m": request.resolution,
-        "blend": "best" if request.best else "mean",
-        "water": request.water,
-        "turn_deg_s": float(np.degrees(request.turn)),
-        "clock_offset_s": request.clock_offset,
-        "imager": lines.imager.file.name,
-    }
+    if made.registration:
+        figures["registration"] = made.registration
     return {
         "rovtwin": __version__,
         "quantity": job.calibrated.correction.quantity,
@@ -160,7 +143,7 @@ def _about(made: Made) -> dict[str, Any]:
         },
         "datum": json.loads(found.datum.metadata()),
         "figures": figures,
-        "settings": settings,
+        "settings": settings_of(found, job.georeference.navigation.source),
         "remarks": made.remarks,
         "wavelengths_nm": lines.wavelengths.tolist(),
         "fwhm_nm": lines.fwhm.tolist(),
@@ -186,36 +169,14 @@ def _rasters(made: Made, mosaic: Mosaic, rgb: np.ndarray) -> None:
 def _vectors(made: Made, out: Path) -> float:
     """Gaps and navigation; how large all gaps are [m2]."""
     job, found = made.job, made.found
-    inside = area_mask(made)
-    features = polygons(inside & ~made.joined.seen, job.grid)
+    rings = hull_of(made.joined.seen, job.grid) if made.area is None else made.area
+    features = polygons(*gaps_of(rings, made.joined.seen, job.grid))
     total = float(sum(feature["properties"]["area_m2"] for feature in features))
     write_geojson(out / "gaps.geojson", features, name="gaps", area_m2=total)
     navigation = job.georeference.navigation
     depth = job.georeference.floor.depth_and_slope(navigation.position[:, :2])[0] - navigation.position[:, 2]
     write_immersion(out / "navigation.csv", navigation, found.datum, job.projection, depth)
     return total
-
-
-def area_mask(made: Made) -> Bool[np.ndarray, "row column"]:
-    """Cells of the area that was to be seen: of a file, else the hull of what was seen."""
-    from rasterio.features import rasterize
-
-    job, request = made.job, made.found.request
-    if request.area is not None:
-        shape = read_area(request.area, made.found.datum).shape
-        rings = [
-            [job.projection.to_map(np.array(ring.coords)).tolist() for ring in (part.exterior, *part.interiors)]
-            for part in shape.geoms
-        ]
-    else:
-        from scipy.spatial import ConvexHull
-
-        rows, columns = np.nonzero(made.joined.seen)
-        xy = np.column_stack([job.grid.x[columns], job.grid.y[rows]])
-        hull = xy[ConvexHull(xy).vertices] if len(xy) > 3 and np.ptp(xy, axis=0).min() > 0 else xy[:1].repeat(3, 0)
-        rings = [[[*hull.tolist(), hull[0].tolist()]]]
-    shapes = [{"type": "Polygon", "coordinates": one} for one in rings]
-    return np.asarray(rasterize(shapes, job.grid.shape, transform=job.grid.transform, dtype="uint8")) > 0
 
 
 def _uncertainty(made: Made, out: Path, agreed: Agreement | None) -> None:
@@ -239,17 +200,15 @@ def _uncertainty(made: Made, out: Path, agreed: Agreement | None) -> None:
         raise write_error(out / "uncertainty.csv", error) from error
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agreed: Agreement | None) -> None:
     job, out, grid = made.job, mosaic.folder, made.job.grid
     bottom = grid.top - grid.rows * grid.cell
-    sheet = figures.Sheet(rgb, grid.left, bottom, grid.cell, str(grid.crs))
+    without = made.joined.seen & ~np.isfinite(made.joined.rgb).all(-1)
+    sheet = figures.Sheet(rgb, grid.left, bottom, grid.cell, str(grid.crs), without)
     spectra = []
     for point in points:
+        if not np.isfinite(point.value).any():
+            continue  # named in a remark
         x, y = job.projection.to_map(point.place) - [grid.left, bottom]
         spectra.append(figures.Spectrum(point.name, (float(x), float(y)), point.value, point.spread, point.truth))
     navigation = job.georeference.navigation
@@ -259,7 +218,8 @@ def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agre
         save(
             figures.picture(sheet, spectra, [way]), out, "rgb", "The mosaic",
             f"Means of {what.quantity} in red (590-660 nm), green (520-580 nm) and blue (445-500 nm), one scale for "
-            "all. White line: the vehicle's way. Letters: places of the spectra below.",
+            "all. White line: the vehicle's way. Letters: places of the spectra below. Hatched: seen, but without a "
+            "number in one of the three.",
         ),
         save(figures.spectra(mosaic.wavelengths, spectra, what.quantity, what.unit), out, "spectra",
              "Spectra of places", "Means over 8 cm; bands that noise hides are left out."),
@@ -276,7 +236,7 @@ def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agre
                  "height. Below: share of cells in which noise is more than a fifth of the signal, or of 5 %.")
         )  # fmt: skip
     rows = [[label, _shown(value), unit] for label, value, unit in mosaic.figures_table()]
-    files = {name: what for name, what in _WHAT.items() if (out / name).exists() or name == NOTE}
+    files = {name: what for name, what in WHAT.items() if (out / name).exists() or name == NOTE}
     title = f"Mosaic of {made.found.lines.path.name}"
     write_map_page(out, title, Table("", ["", "", ""], rows), made.remarks, pictures, files)
 

@@ -1,0 +1,91 @@
+"""What a mosaic's note says it was made of, and the files of an older one that would lie beside it."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.log.files import write_error
+from rovtwin.runs.mapping.sources import Found
+
+WHAT = {
+    "cube.img": "all bands: ENVI, BIL, float32, with header cube.hdr",
+    "cube.tif": "all bands: cloud-optimised GeoTIFF",
+    "mosaic.nc": "all bands and layers: netCDF by the CF conventions",
+    "rgb.tif": "picture: cloud-optimised GeoTIFF with opacity",
+    "rgb.png": "picture",
+    "layers.tif": "range, incidence, time, depth, sigmas of the place, coverage, noise: cloud-optimised GeoTIFF",
+    "gaps.geojson": "what was not seen inside the area",
+    "navigation.csv": "poses as Immersion reads them",
+    "spectra.csv": "spectra of places",
+    "uncertainty.csv": "how unsure reflectance is by band, and by what",
+    "map.json": "figures, settings, hashes",
+}
+_BESIDE = ("cube.hdr", "report.html", *(f"{name}.aux.xml" for name in WHAT if name.endswith((".img", ".tif", ".png"))))
+
+
+def remove_old(out: Path) -> None:
+    """Remove the files of an older mosaic, which would count as parts of the new one.
+
+    Raises:
+        LogError: One cannot be removed.
+    """
+    for name in (*reversed(WHAT), *_BESIDE):  # the note first: without it no mosaic is there
+        try:
+            (out / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise write_error(out / name, error) from error
+
+
+def settings_of(found: Found, source: str) -> dict[str, Any]:
+    """All that was asked for; `source` is whose poses were taken."""
+    request = found.request
+    return {
+        "lines": found.lines.path.name,
+        "run": None if found.run is None else found.run.resolve().name,
+        "navigation": source,
+        "floor": request.floor,
+        "depth_m": request.depth,
+        "dem_values": "height" if request.heights else "depth",
+        "resolution_m": request.resolution,
+        "crs": request.crs,
+        "blend": "best" if request.best else "mean",
+        "radiance": request.radiance,
+        "water": request.water,
+        "turn_deg_s": float(np.degrees(request.turn)),
+        "clock_offset_s": request.clock_offset,
+        "from_s": _finite(request.begin),
+        "to_s": _finite(request.end),
+        "area": _text(request.area),
+        "points": _text(request.points),
+        "register": request.register,
+        "control": _text(request.control),
+        "calibrated": request.calibrated,
+        "formats": list(request.formats),
+        "imager": found.lines.imager.file.name,
+    }
+
+
+def hashes_of(found: Found, source: str) -> dict[str, str]:
+    """SHA-256 of the files that a mosaic was made of: lines, track and key frames or log, floor, water, points."""
+    request = found.request
+    paths = [found.lines.path, request.control, request.area, request.points]
+    paths += [None if text is None else Path(text) for text in (request.water, request.floor)]
+    if found.run is not None:
+        names = ("log.mcap", "scenario.yaml") + (("smoothed.mcap", "smoothed_keys.nc") if source == "smoothed" else ())
+        paths += [found.run / name for name in names]
+    return {path.name: _digest(path) for path in paths if path is not None and path.is_file()}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
