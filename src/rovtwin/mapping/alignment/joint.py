@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from rovtwin.core.arrays.key_frames import POSE, KeyFrames
 from rovtwin.core.errors import LogError
-from rovtwin.imaging.imager import Mount
+from rovtwin.imaging.imager import BORESIGHT_STD, CLOCK_STD, LEVER_STD, Mount
 from rovtwin.mapping.alignment.sights import CALIBRATION, Sights
 from rovtwin.mapping.navigation import Navigation
 
-# Before any overlap is looked at [rad, m, s]: a bracket by hand, a ruler, a computer's clock set by network.
+# Before any overlap is looked at [rad, m, s].
 _BESIDE = 0.1  # beyond the first or last key frame that still has its errors [s]: a clock put right, no other place
-USUAL_STD = dict(zip(CALIBRATION, (0.0175, 0.0175, 0.0175, 0.01, 0.01, 0.01, 0.02), strict=True))
+USUAL_STD = dict(zip(CALIBRATION, (*[BORESIGHT_STD] * 3, *[LEVER_STD] * 3, CLOCK_STD), strict=True))
 
 
 @dataclass(frozen=True)
