@@ -20,16 +20,8 @@ from rovtwin.imaging.footprint import Footprint
 from rovtwin.planning.survey_assumptions import Assumptions
 from rovtwin.survey.timeline import Timeline
 
-OWN = (  # constants of a map, the first of them navigation's
-    *CONSTANTS,
-    "roll",
-    "pitch",
-    "yaw",
-    "x",
-    "y",
-    "z",
-    "clock",
-)  # of a map, the first are navigation's
+# Constants of a map, the first of them navigation's.
+OWN = (*CONSTANTS, "roll", "pitch", "yaw", "x", "y", "z", "clock")
 MOST_FRAMES, EVERY = 500, 0.5  # key frames, and the way between them [m]
 MOST_TIES, TIE_EVERY = 500, 0.5  # features, and the way between them [m]
 VIEWS = 4  # lines at most that a place is seen from
