@@ -62,6 +62,14 @@ def test_cells_without_heights_are_no_floor(tmp_path):
     assert np.isnan(depth[0]) and depth[1] == pytest.approx(depth_at(5.0, 6.0), abs=1e-3)
 
 
+def test_whole_numbers_with_a_scale_and_an_offset_are_heights(tmp_path):
+    path = dem(tmp_path / "dem.tif", change=lambda h: np.rint((h - 30.0) / 0.01), dtype="int16")
+    with rasterio.open(path, "r+") as file:
+        file.scales, file.offsets = (0.01,), (30.0,)
+    floor = elevation_model(path, DATUM, LOW, HIGH, Elevation())
+    assert floor.depth_and_slope(np.array([[5.0, 2.0]]))[0][0] == pytest.approx(depth_at(5.0, 2.0), abs=0.01)
+
+
 def test_what_is_wrong_with_an_elevation_model_is_named(tmp_path):
     def read(path, given=Elevation(), low=LOW):
         return elevation_model(path, DATUM, low, low + 5.0, given)
@@ -87,6 +95,9 @@ def test_what_is_wrong_with_an_elevation_model_is_named(tmp_path):
 
 def test_maps_planes_are_met_and_systems_that_do_not_fit_are_refused():
     assert utm_of(DATUM) == "EPSG:32632" and utm_of(Datum(-33.9, 151.2)) == "EPSG:32756"
+    assert utm_of(Datum(60.4, 5.3)) == "EPSG:32632"  # Bergen
+    for longitude, zone in ((8.9, 31), (9.1, 33), (11.93, 33), (20.9, 33), (21.1, 35), (33.1, 37), (42.1, 38)):
+        assert utm_of(Datum(78.92, longitude)) == f"EPSG:326{zone}"
     found = Projection.of(DATUM, crs_of("EPSG:32632", "t"), LOW, HIGH, 5.0)
     place = LOW + (HIGH - LOW) * np.random.default_rng(1).random((50, 2))
     exact = project(DATUM, found.crs, np.column_stack([place, np.full(50, 5.0)]))

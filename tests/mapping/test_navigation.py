@@ -56,6 +56,11 @@ def test_a_file_of_lines_brings_its_own(tmp_path):
         roll, pitch = 0.01, -0.02
         expected = [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
         assert np.allclose(poses.rotation[0, 2], expected)
+        own = lines.navigation()
+        own[1][2], own[2][4] = np.nan, np.nan
+        lines.navigation = lambda: own
+        holed = Navigation.of_lines(lines)
+        assert holed.dropped == 2 and np.isfinite(holed.position).all() and len(holed.t) == len(found.t) - 2
         lines.datum = None
         with pytest.raises(LogError, match="datum"):
             Navigation.of_lines(lines)

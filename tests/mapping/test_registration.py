@@ -65,6 +65,24 @@ def test_stated_and_true_errors_agree_before_and_after():
     assert np.mean(nis) == pytest.approx(1.0, abs=0.2)
 
 
+def test_nothing_is_claimed_beyond_the_key_frames(flown, ties):
+    (_, end), first = flown.lines[1], flown.lines[0]
+    joint = JointErrors.of(flown.keys, first[0], end, dict.fromkeys(CALIBRATION, 0.0))
+    t, pixel = flown.grid()
+    seen = sights(flown.stated, t, pixel)
+    inside = t <= joint.t[-1]
+    found = point_uncertainty(joint, seen)
+    assert inside.any() and (~inside).any()
+    assert np.isfinite(found.sigma()[inside]).all() and np.isnan(found.sigma()[~inside]).all()
+    part = point_uncertainty(joint, sights(flown.stated, t[inside], pixel[inside]))
+    assert np.allclose(found.sigma("within")[inside], part.sigma("within"))
+    kept = observe(joint, flown.stated, ties)
+    assert len(kept.d) == (ties.t <= joint.t[-1]).all(axis=1).sum() and np.isfinite(kept.H.toarray()).all()
+    late = ControlPoints(np.array([flown.lines[3][0] + 2.0]), np.array([100.0]), np.zeros((1, 2)), np.ones(1), ("A",))
+    with pytest.raises(LogError, match=r"point A \(.* outside the smoothed track's key frames"):
+        observe(joint, flown.stated, ties, late)
+
+
 def test_lines_come_together_and_known_points_bring_the_whole_home(flown, ties):
     e, _ = errors(flown)
     alone, _ = errors(flown, registered(flown, ties).joint)

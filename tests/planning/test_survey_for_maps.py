@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 from rovtwin.cli import app
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.navigation import constants
+from rovtwin.mapping.alignment import joint
 from rovtwin.planning import survey_prediction
 from rovtwin.planning.survey import lay_out
 from rovtwin.planning.survey_assumptions import Assumptions
@@ -106,9 +108,18 @@ def test_causes_are_apart_and_add_up(survey, sigma):
     places = np.stack(np.meshgrid(found.north, found.east, indexing="ij"), axis=-1)[np.isfinite(found.absolute)]
     lever = np.sqrt(np.mean(np.sum((places - places.mean(axis=0)) ** 2, axis=1)))
     assert 0.6 < found.causes["heading"][1] / (np.radians(1.0) * lever) < 1.1
-    # Half a degree about each axis at 1.39 m: roll and pitch 12 mm, yaw less.
-    assert found.causes["boresight"][0] == pytest.approx(1.39 * np.radians(0.5) * np.sqrt(2.0), rel=0.1)
-    assert found.causes["clock"][0] == pytest.approx(0.2 * 0.01, rel=1e-6)
+    # A degree about each axis at 1.39 m: roll and pitch 24 mm, yaw less.
+    assert found.causes["boresight"][0] == pytest.approx(1.39 * np.radians(1.0) * np.sqrt(2.0), rel=0.1)
+    assert found.causes["clock"][0] == pytest.approx(0.2 * 0.02, rel=1e-6)
+    assert found.causes["lever"][0] == pytest.approx(0.01 * np.sqrt(2.0), rel=0.1)  # and a little of the height
+
+
+def test_what_a_plan_assumes_is_what_its_map_starts_from():
+    assumed = Assumptions()
+    found = [*np.radians([assumed.boresight] * 3), *[assumed.lever] * 3, assumed.clock]
+    assert found == pytest.approx(list(joint.USUAL_STD.values()))
+    sensors = [np.radians(assumed.heading), np.radians(assumed.dvl_yaw), assumed.dvl_scale]
+    assert sensors == pytest.approx([constants.USUAL_STD[name] for name in constants.SENSOR])
 
 
 @pytest.mark.system

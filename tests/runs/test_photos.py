@@ -190,6 +190,17 @@ def test_real_pictures_get_their_place_and_stay_bit_for_bit(run, tmp_path):
     assert exif.get_ifd(ExifTags.IFD.GPSInfo)[1] == "S"
 
 
+def test_tables_name_the_files_that_are_there(run, tmp_path):
+    folder = folder_of_real_ones(tmp_path / "DCIM", (4.0, 8.0))
+    (folder / "GOPR0009.JPG").rename(folder / "IMG 1.jpg")
+    found = photos_of_run(run, PhotoRequest("down.camera", pictures=folder, clock_offset=2.5), tmp_path / "out")
+    named = [row.split(" ")[0] for row in (tmp_path / "out" / "geo.txt").read_text().splitlines()[1:]]
+    assert named == found.names == ["IMG_1.jpg", "GOPR0008.JPG"]
+    assert all((tmp_path / "out" / name).is_file() for name in named)
+    assert (tmp_path / "out" / "reference.csv").read_text().splitlines()[1].startswith("IMG_1.jpg,")
+    assert any("spaces in names" in note for note in found.notes)
+
+
 def test_an_offset_of_the_clock_must_be_stated(run, tmp_path):
     folder = folder_of_real_ones(tmp_path / "DCIM", (4.0, 8.0))
     with pytest.raises(ConfigError, match="nobody has said how far .* lie 6.5 to 10.5 s after the log's beginning"):

@@ -1,5 +1,6 @@
 """An imager as arrays: where its pixels look in the water, what its bands take in; and where it sits on a vehicle."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,10 @@ from rovtwin.vehicle.description.vehicle import Vehicle
 from rovtwin.vehicle.physics.camera import R_DEVICE_C, Lens, Port, lens_from, refracted, seen_ray
 
 _SIGMA = 1.0 / (2.0 * np.sqrt(2.0 * np.log(2.0)))  # of a Gaussian over its full width at half height
+
+# Before any overlap is looked at, each axis [rad, m] and of the clock [s]: a bracket by hand, a ruler, a computer's
+# clock set by network. Estimates; what is predicted of a map, and what is stated of it, both read them.
+BORESIGHT_STD, LEVER_STD, CLOCK_STD = math.radians(1.0), 0.01, 0.02
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def elevation_model(
             corners = _box(low, high)
             xy = project(datum, file.crs, np.column_stack([corners, np.zeros(len(corners))]))
             window = _window(file, xy, path)
-            values = file.read(1, window=window, masked=True).astype(float)
+            values = file.read(1, window=window, masked=True).astype(float) * file.scales[0] + file.offsets[0]
             step = file.window_transform(window)
             crs = file.crs
     except rio.errors.RasterioError as error:

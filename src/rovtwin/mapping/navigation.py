@@ -84,7 +84,10 @@ class Navigation:
         if lines.datum is None:
             raise LogError(f"{lines.path}: says nothing of a datum, the origin of north, east, down; say --datum")
         t, ecef, euler = found
-        return cls(t, lines.datum.position_of_ecef(ecef), quaternions(euler), source="lines")
+        posed = np.isfinite(t) & np.isfinite(ecef).all(1) & np.isfinite(euler).all(1)
+        t, ecef, euler = t[posed], ecef[posed], euler[posed]  # latitudes are checked, and those of no number refused
+        place = lines.datum.position_of_ecef(ecef) if len(t) else np.zeros((0, 3))
+        return cls(t, place, quaternions(euler), source="lines", dropped=int((~posed).sum()))
 
     @classmethod
     def of_log(cls, log: Log, source: str, where: str = "the log") -> "Navigation":

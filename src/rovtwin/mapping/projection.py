@@ -34,6 +34,8 @@ def utm_of(datum: Datum) -> str:
     zone = int((datum.longitude + 180.0) // 6.0) % 60 + 1
     if 56.0 <= datum.latitude < 64.0 and 3.0 <= datum.longitude < 12.0:
         zone = 32  # western Norway is wider than its meridians
+    elif 72.0 <= datum.latitude <= 84.0 and 0.0 <= datum.longitude < 42.0:
+        zone = 31 + 2 * int((datum.longitude + 3.0) // 12.0)  # Svalbard has 31, 33, 35, 37 alone
     return f"EPSG:{(32600 if datum.latitude >= 0 else 32700) + zone}"
 
 

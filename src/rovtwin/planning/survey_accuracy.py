@@ -20,7 +20,8 @@ from rovtwin.imaging.footprint import Footprint
 from rovtwin.planning.survey_assumptions import Assumptions
 from rovtwin.survey.timeline import Timeline
 
-OWN = (*CONSTANTS, "roll", "pitch", "yaw", "clock")  # constants of a map, all but the first of navigation's
+# Constants of a map, the first of them navigation's.
+OWN = (*CONSTANTS, "roll", "pitch", "yaw", "x", "y", "z", "clock")
 MOST_FRAMES, EVERY = 500, 0.5  # key frames, and the way between them [m]
 MOST_TIES, TIE_EVERY = 500, 0.5  # features, and the way between them [m]
 VIEWS = 4  # lines at most that a place is seen from
@@ -122,8 +123,8 @@ class _Rows:
         self._response = known.response.reshape(-1, 2, len(CONSTANTS))
         bore = np.radians(assumed.boresight)
         self.std = np.array(
-            [np.radians(assumed.heading), np.radians(assumed.dvl_yaw), assumed.dvl_scale, bore, bore, bore,
-             assumed.clock]
+            [np.radians(assumed.heading), np.radians(assumed.dvl_yaw), assumed.dvl_scale, *[bore] * 3,
+             *[assumed.lever] * 3, assumed.clock]
         )  # fmt: skip
         count = len(known.covariance)
         self.prior = np.zeros((count + len(OWN), count + len(OWN)))
@@ -167,6 +168,9 @@ class _Rows:
         for axis, name in enumerate(("roll", "pitch", "yaw")):
             turned = np.cross(np.eye(3)[axis], ray)
             own[:, :, OWN.index(name)] = turned[:, :2] - ray[:, :2] / ray[:, 2:] * turned[:, 2:]
+        for axis, name in enumerate(("x", "y", "z")):
+            moved = np.eye(3)[axis]
+            own[:, :, OWN.index(name)] = moved[:2] - ray[:, :2] / ray[:, 2:] * moved[2]
         own[:, 0, OWN.index("clock")] = self._speed
         own = R @ own
         own[:, :, : len(CONSTANTS)] += self._response[frame]
@@ -190,7 +194,7 @@ class _Rows:
         """What each cause makes alone, rms [m]."""
         count = len(self.prior) - len(OWN)
         groups = {"heading": ("heading",), "dvl": ("dvl_yaw", "dvl_scale"), "boresight": ("roll", "pitch", "yaw"),
-                  "clock": ("clock",)}  # fmt: skip
+                  "lever": ("x", "y", "z"), "clock": ("clock",)}  # fmt: skip
         found = {}
         for name, members in (("readings", ()), *groups.items()):
             alone = np.zeros_like(self.prior)
@@ -211,7 +215,7 @@ class _Mosaic:
     """Rows of places: each has 1 at its key frame, and `own` at the constants."""
 
     frame: Int[np.ndarray, " n"]
-    own: Float[np.ndarray, "n 2 7"]
+    own: Float[np.ndarray, "n 2 c"]
     slant: Float[np.ndarray, "n 2"]  # d(place) / d(depth of the floor)
     count: int
 

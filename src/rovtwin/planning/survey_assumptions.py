@@ -7,15 +7,18 @@ from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import near
+from rovtwin.gnc.navigation.constants import USUAL_STD
+from rovtwin.imaging.imager import BORESIGHT_STD, CLOCK_STD, LEVER_STD
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Standard deviations. Estimates, but for the compass: those of small vehicles are off by a degree or two.
+    """Standard deviations: those that smoother and map start from too, so that no plan is more hopeful than its map.
 
     Attributes:
         heading: Of the compass's bias [deg].
         boresight: Of the imager's attitude on the vehicle, each axis [deg].
+        lever: Of its place on the vehicle, each axis [m].
         dvl_yaw: Of the Doppler log's yaw on the vehicle [deg].
         dvl_scale: Of the share by which it reads too much.
         clock: Of the imager's clock against the vehicle's [s].
@@ -23,18 +26,19 @@ class Assumptions:
         tie: Of a feature that is found in two lines, each axis [m].
     """
 
-    heading: float = 1.0
-    boresight: float = 0.5
-    dvl_yaw: float = 0.5
-    dvl_scale: float = 0.002
-    clock: float = 0.01
+    heading: float = round(math.degrees(USUAL_STD["heading"]), 9)
+    boresight: float = round(math.degrees(BORESIGHT_STD), 9)
+    lever: float = LEVER_STD
+    dvl_yaw: float = round(math.degrees(USUAL_STD["dvl_yaw"]), 9)
+    dvl_scale: float = USUAL_STD["dvl_scale"]
+    clock: float = CLOCK_STD
     floor: float = 0.03
     tie: float = 0.01
 
     @classmethod
     def ideal(cls) -> "Assumptions":
         """Nothing is off: what sensors' noise and disturbances do alone."""
-        return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> "Assumptions":

@@ -40,11 +40,11 @@ def test_a_part_has_weighted_means_and_the_variance_of_each():
         assert np.allclose(part.layers[k], w @ layers[own], rtol=1e-5)
 
 
-def test_a_band_without_a_number_makes_its_cell_none_and_no_other():
-    value = np.ones((3, 2))
-    value[1, 0] = np.nan
-    part = gridded(np.array([4, 4, 5]), np.ones(3), np.zeros((3, 4)), value, 0 * value)
-    assert np.isnan(part.value[0, 0]) and part.value[0, 1] == 1.0 and (part.value[1] == 1.0).all()
+def test_a_pixel_without_a_number_in_a_band_does_not_count_there():
+    value = np.array([[1.0, 1.0], [np.nan, 3.0], [1.0, 1.0], [np.nan, 1.0]])
+    part = gridded(np.array([4, 4, 5, 6]), np.ones(4), np.zeros((4, 4)), value, np.ones((4, 2)))
+    assert part.value[0] == pytest.approx([1.0, 2.0]) and part.variance[0] == pytest.approx([1.0, 0.5])
+    assert (part.value[1] == 1.0).all() and np.isnan(part.value[2, 0]) and part.value[2, 1] == 1.0
     left_out = gridded(np.array([4, -1, 5]), np.array([1.0, 1.0, 0.0]), np.zeros((3, 4)), value, 0 * value)
     assert list(left_out.cells) == [4]
 
@@ -82,6 +82,18 @@ def test_the_best_is_one_part_whole(tmp_path):
         parts.add(number, gridded(cells, quality, np.zeros((48, 4)), value, value), {})
     ((_, dense),) = parts.joined(range(2), GRID, 2, 4, best=True)
     assert (dense.value[:24] == 2.0).all() and (dense.value[24:] == 1.0).all() and (dense.count == 2.0).all()
+
+
+@pytest.mark.parametrize("best", [True, False])
+def test_a_band_that_is_full_in_some_lines_is_taken_from_others(tmp_path, best):
+    parts, cells = Parts(tmp_path / "p", "a"), np.arange(48)
+    full = np.array([[np.nan, 2.0]] * 48)
+    parts.add(0, gridded(cells, np.full(48, 2.0), np.zeros((48, 4)), full, np.ones((48, 2))), {})
+    parts.add(1, gridded(cells, np.ones(48), np.zeros((48, 4)), np.full((48, 2), 5.0), np.ones((48, 2))), {})
+    ((_, dense),) = parts.joined(range(2), GRID, 2, 4, best=best)
+    assert np.allclose(dense.value, [5.0, 2.0 if best else 3.0]) and np.isfinite(dense.variance).all()
+    ((_, alone),) = parts.joined(range(1), GRID, 2, 4, best=best)
+    assert np.isnan(alone.value[:, 0]).all() and np.isnan(alone.variance[:, 0]).all()
 
 
 def test_a_cell_between_two_lines_is_filled_from_its_neighbours_and_a_hole_is_not(tmp_path):

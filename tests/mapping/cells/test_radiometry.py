@@ -70,6 +70,20 @@ def test_pixels_between_those_that_are_computed_have_their_light(seen):
     assert np.abs(gain / exact[0] - 1.0).max() < 0.05 and np.allclose(veil, exact[1], rtol=0.05)
 
 
+def test_pixels_beside_a_hole_of_the_floor_have_their_own_light(seen):
+    lines, located, model = seen
+    whole = type("Hits", (), {"way": located.way[3], "point": located.point[3], "normal": located.normal[3]})
+    exact, _ = model.gain_and_veil(whole, located.position[3], located.rotation[3])
+    holed = _lines(located, slice(3, 4))
+    for name in ("way", "point", "normal", "valid"):
+        holes = getattr(holed, name).copy()
+        holes[0, 8] = 0 if name == "valid" else np.nan  # one of those that others are drawn from
+        object.__setattr__(holed, name, holes)
+    gain, _ = Correction(lines.imager, model).gain_and_veil(holed, 0)
+    near = np.r_[1:8, 9:16]
+    assert np.allclose(gain[near], exact[near], rtol=1e-6)
+
+
 def test_full_pixels_have_no_value(seen):
     lines, located, model = seen
     cube = lines.read(0, 2)

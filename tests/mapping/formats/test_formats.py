@@ -87,6 +87,8 @@ def test_netcdf_has_coordinates_and_a_system_that_gdal_finds(cube, tmp_path):
     path = write_netcdf(tmp_path / "m.nc", GRID, view, (W, FWHM), ("reflectance", "1"), layers, NO_DATA, {})
     with netCDF4.Dataset(path) as file:
         assert file["reflectance"].dimensions == ("wavelength", "y", "x") and file["range"].units == "m"
+        system = file["spatial_ref"]
+        assert system.grid_mapping_name == "transverse_mercator" and system.longitude_of_central_meridian == 9.0
         assert np.allclose(file["x"][:], GRID.x) and np.allclose(file["y"][:], GRID.y)
         values = np.moveaxis(np.ma.filled(file["reflectance"][:], np.nan), 0, -1)
         assert np.allclose(values, CUBE, equal_nan=True)

@@ -175,7 +175,8 @@ def _print(survey: "Survey", screen: Any) -> None:
     spacing = "" if figures["lines"] < 2 else f", {figure(figures['line_spacing_m'])} m apart"
     rows.add_row(
         "lines",
-        f"{figures['lines']} at {figures['heading_deg']:.0f} deg{spacing}, {figures['cells']} cells, "
+        f"{figures['lines']} at {figures['heading_deg']:.0f} deg{spacing}, "
+        f"{figures['cells']} cell{'' if figures['cells'] == 1 else 's'}, "
         f"{figures['laps']} laps",
     )
     rows.add_row(
@@ -212,6 +213,7 @@ CAUSES = {
     "heading": "compass bias",
     "dvl": "Doppler log: yaw, scale",
     "boresight": "boresight of the imager",
+    "lever": "place of the imager on the vehicle",
     "clock": "clock of the imager",
     "floor": "height of the floor",
 }

@@ -9,18 +9,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.arrays.key_frames import POSE, KeyFrames
 from rovtwin.core.errors import LogError
-from rovtwin.imaging.imager import Mount
+from rovtwin.imaging.imager import BORESIGHT_STD, CLOCK_STD, LEVER_STD, Mount
 from rovtwin.mapping.alignment.sights import CALIBRATION, Sights
 from rovtwin.mapping.navigation import Navigation
 
-# Before any overlap is looked at [rad, m, s]: a bracket by hand, a ruler, a computer's clock set by network.
-USUAL_STD = dict(zip(CALIBRATION, (0.0175, 0.0175, 0.0175, 0.01, 0.01, 0.01, 0.02), strict=True))
+# Before any overlap is looked at [rad, m, s].
+_BESIDE = 0.1  # beyond the first or last key frame that still has its errors [s]: a clock put right, no other place
+USUAL_STD = dict(zip(CALIBRATION, (*[BORESIGHT_STD] * 3, *[LEVER_STD] * 3, CLOCK_STD), strict=True))
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,10 @@ class JointErrors:
         return cls(keys.t[chosen], keys.constants, np.zeros(n + c), covariance)
 
     def slopes(self, seen: Sights) -> csr_array:
-        """Derivative of the points' north and east by the errors, a row each: (2 m, n)."""
+        """Derivative of the points' north and east by the errors, a row each: (2 m, n).
+
+        No numbers for points seen before the first key frame or after the last: nothing is known of errors there.
+        """
         m, size = len(seen.t), len(self.mean)
         at, share = self._between(seen.t)
         rows = np.arange(2 * m).reshape(m, 2, 1)
@@ -123,6 +127,12 @@ class JointErrors:
         turn = Rotation.from_rotvec(value[:3]).as_matrix()
         return replace(mount, position=mount.position + value[3:6], rotation=turn @ mount.rotation), float(value[6])
 
+    def covers(self, t: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """Whether times [s] lie within the key frames."""
+        return (t >= self.t[0] - _BESIDE) & (t <= self.t[-1] + _BESIDE)
+
     def _between(self, t: Float[np.ndarray, " m"]) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
+        """Key frame before each time and the share of the next one; no number outside."""
         at = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
-        return at, (t - self.t[at]) / (self.t[at + 1] - self.t[at])
+        share = np.clip((t - self.t[at]) / (self.t[at + 1] - self.t[at]), 0.0, 1.0)
+        return at, np.where(self.covers(t), share, np.nan)

@@ -97,6 +97,7 @@ def observe(
     """
     one, other = (sights(where, ties.t[:, k], ties.pixel[:, k]) for k in range(2))
     good = one.valid & other.valid & np.isfinite(ties.covariance).all(axis=(1, 2))
+    good &= joint.covers(ties.t).all(axis=1)
     f = (one.by_depth - other.by_depth) * depth_std
     R = ties.covariance + f[:, :, None] * f[:, None, :]
     found = Observations(
@@ -113,6 +114,12 @@ def observe(
     if not seen.valid.all():
         lost = [name for name, valid in zip(names, seen.valid, strict=True) if not valid]
         raise LogError(f"control: {', '.join(lost)}: that line and pixel have no pose or no floor; check both")
+    if not (known := joint.covers(control.t)).all():
+        late = [f"{name} ({t:.1f} s)" for name, t, ok in zip(names, control.t, known, strict=True) if not ok]
+        raise LogError(
+            f"control: {', '.join(late)}: seen outside the smoothed track's key frames, {joint.t[0]:.1f} to "
+            f"{joint.t[-1]:.1f} s, where errors are not known; take lines within"
+        )
     f = seen.by_depth * depth_std
     noise = control.std[:, None, None] ** 2 * np.eye(2) + f[:, :, None] * f[:, None, :]
     from scipy.sparse import vstack

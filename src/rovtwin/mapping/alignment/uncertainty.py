@@ -40,7 +40,7 @@ class PointUncertainty:
 def point_uncertainty(
     joint: JointErrors, seen: Sights, depth_std: float | Float[np.ndarray, " m"] = 0.0, mosaic: Sights | None = None
 ) -> PointUncertainty:
-    """Of points seen.
+    """Of points seen; no numbers for those beyond the key frames, which do not count in the mosaic's mean either.
 
     Args:
         joint: Errors and their covariance.
@@ -66,8 +66,9 @@ def point_uncertainty(
 
 def mean_slope(joint: JointErrors, mosaic: Sights) -> Float[np.ndarray, "2 n"]:
     """M: derivative of the mean error of a mosaic's points."""
-    J, count = joint.slopes(mosaic), max(int(mosaic.valid.sum()), 1)
-    rows = np.arange(2 * len(mosaic.t))
+    known = joint.covers(mosaic.t)
+    J, count = joint.slopes(mosaic)[np.repeat(known, 2)], max(int((mosaic.valid & known).sum()), 1)
+    rows = np.arange(J.shape[0])
     pick = csr_array((np.full(len(rows), 1.0 / count), (rows % 2, rows)), shape=(2, len(rows)))
     return csr_array(pick @ J).toarray()
 

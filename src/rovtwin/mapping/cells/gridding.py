@@ -1,8 +1,8 @@
 """Cells of a mosaic: sums over the pixels that fall into each, a block of lines at a time, kept on the disk.
 
 Each block leaves its sums for the cells that it touches as a folder, written whole or not at all: what was broken off
-goes on with the blocks that are missing. They are joined at the end, some rows of the mosaic at a time, so that the
-memory does not grow with the survey.
+goes on with the blocks that are missing. They are joined at the end, some rows of the mosaic at a time: their
+spectra take no memory that grows with the survey. Layers and picture are held whole, `_HELD` bytes a cell.
 """
 
 import json
@@ -21,7 +21,8 @@ from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
 
 _AT_ONCE = 96e6  # bytes of values of the rows joined at once
-_MOST_CELLS = 400e6
+_HELD = 44  # bytes a cell of layers and picture, float32
+_MOST_HELD = 6e9  # bytes of them
 _NEIGHBOURS = 5  # of eight that must be seen for an empty cell between them to be filled
 LAYERS = ("range", "incidence", "time", "depth")  # means that every part keeps beside its values
 
@@ -55,10 +56,11 @@ class Grid:
         """
         low, high = np.floor(xy.min(0) / cell), np.floor(xy.max(0) / cell) + 1.0
         columns, rows = (int(n) for n in high - low)
-        if rows * columns > _MOST_CELLS:
+        if _HELD * rows * columns > _MOST_HELD:
             raise ConfigError(
-                f"--resolution {cell:g}: makes {rows} x {columns} cells of {np.ptp(xy, axis=0).round(1)} m, more than "
-                f"{_MOST_CELLS:g}. Say a larger one, or map a part (--from, --to)"
+                f"--resolution {cell:g}: makes {rows} x {columns} cells of {np.ptp(xy, axis=0).round(1)} m; their "
+                f"layers take {1e-9 * _HELD * rows * columns:.3g} GB of memory, expected at most "
+                f"{1e-9 * _MOST_HELD:g}. Say a larger one, or map a part (--from, --to)"
             )
         return cls(crs, float(low[0] * cell), float(high[1] * cell), cell, rows, columns)
 
@@ -123,7 +125,10 @@ def gridded(
     value: Float[np.ndarray, "pixel band"],
     variance: Float[np.ndarray, "pixel band"],
 ) -> Part:
-    """Of pixels; those whose number is -1 or whose weight is none fall out. No number makes its cell's band none."""
+    """Of pixels; those whose number is -1 or whose weight is none fall out.
+
+    A pixel without a number in a band does not count in that band of its cell, which is none where no pixel has one.
+    """
     use = np.flatnonzero((number >= 0) & (weight > 0))
     cells, row = np.unique(number[use], return_inverse=True)
     shape, w = (len(cells), len(number)), weight[use].astype(np.float32)
@@ -133,15 +138,24 @@ def gridded(
 
     total = np.bincount(row.ravel(), w, len(cells)).astype(np.float32)
     count = np.bincount(row.ravel(), minlength=len(cells)).astype(np.float32)
-    mean = summing(w / total[row.ravel()])
+    shares = w / total[row.ravel()]
+    mean, squares = summing(shares), summing(np.square(shares))
+    found, spread = mean @ value, squares @ variance
+    holes = np.flatnonzero(~np.isfinite(found).all(axis=0))  # a band of a pixel that is full
+    if len(holes):
+        known = np.isfinite(value[:, holes])
+        share = mean @ known.astype(np.float32)
+        share[share <= 0] = np.nan
+        found[:, holes] = (mean @ np.where(known, value[:, holes], np.float32(0))) / share
+        spread[:, holes] = (squares @ np.where(known, variance[:, holes], np.float32(0))) / np.square(share)
     return Part(
         cells,
         total,
         count,
         total / np.maximum(count, 1.0),
         (mean @ layers).astype(np.float32),
-        mean @ value,
-        summing(np.square(w / total[row.ravel()])) @ variance,
+        found,
+        spread,
     )
 
 
@@ -222,11 +236,14 @@ class Parts:
         for row in range(0, grid.rows, high):
             begin, end = max(row - 1, 0), min(row + high + 1, grid.rows)  # a row more, for what is filled
             dense = _empty((end - begin) * grid.columns, bands, layers)
+            known = np.zeros_like(dense.value)  # by band: best quality, or sum of weights, of what has a number
             for part in opened:
                 if (piece := part.between(begin * grid.columns, end * grid.columns)) is not None:
-                    (_put_best if best else _add)(dense, piece, begin * grid.columns)
+                    (_put_best if best else _add)(dense, known, piece, begin * grid.columns)
             if not best:
-                _divide(dense)
+                _divide(dense, known)
+            for array in (dense.value, dense.variance):
+                array[known <= 0] = np.nan
             _fill(dense, (end - begin, grid.columns))
             keep = slice((row - begin) * grid.columns, (min(row + high, grid.rows) - begin) * grid.columns)
             yield row, Part(*(getattr(dense, name)[keep] for name in self.NAMES))
@@ -254,27 +271,37 @@ def _empty(cells: int, bands: int, layers: int) -> Part:
     return Part(np.arange(cells), *zeros, *wide)
 
 
-def _put_best(dense: Part, piece: Part, first: int) -> None:
+def _put_best(dense: Part, known: np.ndarray, piece: Part, first: int) -> None:
+    """Bands apart: one that is full in the best lines is taken from the best of the others."""
     at = piece.cells - first
+    quality = np.where(np.isfinite(piece.value), piece.quality[:, None], np.float32(0))
+    ahead = quality > known[at]
+    for name, new in (("value", piece.value), ("variance", piece.variance)):
+        array = getattr(dense, name)
+        array[at] = np.where(ahead, new, array[at])
+    known[at] = np.maximum(known[at], quality)
     better = piece.quality > dense.quality[at]
-    for name in ("weight", "quality", "layers", "value", "variance"):
+    for name in ("weight", "quality", "layers"):
         getattr(dense, name)[at[better]] = getattr(piece, name)[better]
     dense.count[at] += piece.count
 
 
-def _add(dense: Part, piece: Part, first: int) -> None:
+def _add(dense: Part, known: np.ndarray, piece: Part, first: int) -> None:
     at, w = piece.cells - first, piece.weight[:, None]
-    for name, factor in (("layers", w), ("value", w), ("variance", w * w)):
-        getattr(dense, name)[at] += factor * getattr(piece, name)
+    own = np.where(np.isfinite(piece.value), w, np.float32(0))  # what has no number in a band does not count there
+    dense.layers[at] += w * piece.layers
+    dense.value[at] += np.where(own > 0, own * piece.value, np.float32(0))
+    dense.variance[at] += np.where(own > 0, own * own * piece.variance, np.float32(0))
+    known[at] += own
     dense.quality[at] = np.maximum(dense.quality[at], piece.quality)
     dense.weight[at] += piece.weight
     dense.count[at] += piece.count
 
 
-def _divide(dense: Part) -> None:
+def _divide(dense: Part, known: np.ndarray) -> None:
     w = np.where(dense.weight > 0, dense.weight, 1.0)[:, None]
-    for name, factor in (("layers", w), ("value", w), ("variance", w * w)):
-        array = getattr(dense, name)
+    own = np.where(known > 0, known, np.float32(1))
+    for array, factor in ((dense.layers, w), (dense.value, own), (dense.variance, own * own)):
         array /= factor
 
 

@@ -86,9 +86,7 @@ class Job:
             layers += [found[name] for name in self.more_units]
         flat = np.stack(layers, axis=-1).reshape(cell.size, -1)
         bands = value.shape[-1]
-        made = gridded(
-            cell.ravel(), weight.ravel(), np.nan_to_num(flat), value.reshape(-1, bands), variance.reshape(-1, bands)
-        )
+        made = gridded(cell.ravel(), weight.ravel(), flat, value.reshape(-1, bands), variance.reshape(-1, bands))
         missed = int((~located.valid & use[:, None]).sum())
         return made, {"saturated": full, "missed": missed, "samples": int(value.size)}
 

@@ -86,6 +86,14 @@ class Correction:
         hits = FloorHits(located.way[line, some], located.point[line, some], located.normal[line, some])
         found = self.model.gain_and_veil(hits, located.position[line], located.rotation[line], some)
         gain, veil = (x[low] + share * (x[low + 1] - x[low]) for x in found)
+        # Where a neighbour that is computed sees no floor, or no light, there is nothing to draw a line to.
+        lit = located.valid[line, some] & (found[0] > 0).any(axis=-1)
+        alone = np.flatnonzero(~(lit[low] & lit[low + 1]) & located.valid[line])
+        if len(alone):
+            hits = FloorHits(located.way[line, alone], located.point[line, alone], located.normal[line, alone])
+            gain[alone], veil[alone] = self.model.gain_and_veil(
+                hits, located.position[line], located.rotation[line], alone
+            )
         return gain, veil
 
 

@@ -5,6 +5,7 @@ Reference: CF conventions 1.11, sec. 5.6 (grid mappings). GDAL loses the system 
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -42,10 +43,11 @@ def write_netcdf(
         LogError: It cannot be written.
     """
     with atomic(path, True) as temporary, netCDF4.Dataset(temporary, "w") as file:
-        file.setncatts({"Conventions": "CF-1.11", **about})
+        mapping = _grid_mapping(grid.crs)
+        file.setncatts(({"Conventions": "CF-1.11"} if mapping else {}) | dict(about))
         for name, size in (("wavelength", len(bands[0])), ("y", grid.rows), ("x", grid.columns)):
             file.createDimension(name, size)
-        _coordinates(file, grid, bands)
+        _coordinates(file, grid, bands, mapping)
         name, unit = quantity
         data = file.createVariable(
             name,
@@ -67,12 +69,32 @@ def write_netcdf(
     return path
 
 
-def _coordinates(file: netCDF4.Dataset, grid: Grid, bands: tuple[np.ndarray, np.ndarray]) -> None:
+def _grid_mapping(crs: Any) -> dict[str, Any]:
+    """As CF appendix F asks for it, of UTM on WGS-84; nothing of other systems, which only `crs_wkt` describes."""
+    south, zone = divmod((crs.to_epsg() or 0) - 32600, 100)
+    if south not in (0, 1) or not 1 <= zone <= 60:
+        return {}
+    return {
+        "grid_mapping_name": "transverse_mercator",
+        "longitude_of_central_meridian": 6.0 * zone - 183.0,
+        "latitude_of_projection_origin": 0.0,
+        "scale_factor_at_central_meridian": 0.9996,
+        "false_easting": 500_000.0,
+        "false_northing": 1e7 * south,
+        "semi_major_axis": 6_378_137.0,
+        "inverse_flattening": 298.257223563,
+        "longitude_of_prime_meridian": 0.0,
+    }
+
+
+def _coordinates(
+    file: netCDF4.Dataset, grid: Grid, bands: tuple[np.ndarray, np.ndarray], mapping: dict[str, Any]
+) -> None:
     step = grid.transform
     system = file.createVariable("spatial_ref", "i4", ())
     wkt = grid.crs.to_wkt()
     transform = " ".join(f"{v:.12g}" for v in (step.c, step.a, step.b, step.f, step.d, step.e))
-    system.setncatts({"crs_wkt": wkt, "spatial_ref": wkt, "GeoTransform": transform})
+    system.setncatts({"crs_wkt": wkt, "spatial_ref": wkt, "GeoTransform": transform} | mapping)
     for name, values in (("x", grid.x), ("y", grid.y)):
         one = file.createVariable(name, "f8", (name,))
         one.setncatts({"units": "m", "standard_name": f"projection_{name}_coordinate", "axis": name.upper()})

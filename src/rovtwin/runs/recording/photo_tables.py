@@ -35,7 +35,7 @@ def write_tables(out: Path, names: list[str], shots: list[Shot], std: Float[np.n
         accuracy = []
         if shot.horizontal_std is not None and shot.vertical_std is not None:  # per axis, as both programs take it
             accuracy = [f"{shot.horizontal_std / math.sqrt(2):.4f}", f"{shot.vertical_std:.4f}"]
-        rows.append(" ".join([name.replace(" ", "_"), *place, *angles, *accuracy]))
+        rows.append(" ".join([name, *place, *angles, *accuracy]))
         turned = [""] * 3 if std is None else [f"{math.degrees(value):.4f}" for value in std[i, 5:2:-1]]
         writer.writerow([name, *place, *angles, *(accuracy or ["", ""]), *turned, f"{shot.time.astype('M8[ms]')}Z"])
     write_text(out / "geo.txt", "\n".join(rows) + "\n")

@@ -137,7 +137,12 @@ def photos_of_run(
         names = [f"{camera.name.replace('.', '_')}_{i + 1:05d}.jpg" for i in range(len(t))]
     else:
         paths, t = _real(request, track, datum, notes)
-        names, draw = [path.name for path in paths], lambda i, when: paths[i]
+        # geo.txt separates its columns by spaces: files are named as it can name them, and the folder is a copy.
+        names, draw = ["_".join(path.name.split()) for path in paths], lambda i, when: paths[i]
+        if len(set(names)) < len(names):
+            raise ConfigError(f"{request.pictures}: names that differ by spaces alone become one; rename the pictures")
+        if any(name != path.name for name, path in zip(names, paths, strict=True)):
+            notes.append("spaces in names of pictures became _, as geo.txt separates its columns by spaces")
     _make(out, overwrite)
     position, R, std = track.at(t)
     shots = [_shot(camera, vehicle.name, datum, float(t[i]), position[i], R[i], None if std is None else std[i])
