@@ -24,6 +24,7 @@ from rovtwin.mapping.change.channels import box_mean
 PATCH, SPACING = 0.4, 0.25  # [m]
 LENGTH = 0.6  # over which errors within a mosaic keep alike [m]
 _LEAST_SCORE, _LEAST_SEEN = 0.5, 0.7
+_FINE = 0.02  # cells that are searched are not smaller [m]
 _COARSE = 4  # cells that the first, wide search takes together
 _MOST = 1500  # patches in the field
 _DROPPED = 4.0  # standard deviations beyond which a patch is no match
@@ -83,12 +84,31 @@ def displacement(
         reach: Farthest that the second can lie from the first [m].
         within: Standard deviation of their difference within the mosaics, each component [m].
     """
+    step = max(int(_FINE / cell), 1)
+    if step > 1:  # the search takes the fourth power of the number of cells a metre, and gains little by it
+        a, b = (box_mean(image, step)[0][step // 2 :: step, step // 2 :: step] for image in (first, second))
+        coarse = displacement(a, b, step * cell, reach, within)
+        return None if coarse is None else _finer(coarse, first.shape, step)
     common = _common(first, second, max(int(np.ceil(reach / cell)), 1))
     nearby = max(int(np.ceil(4.0 * within / cell)), 3)
     found = _matches(first, second, common, nearby, cell)
     if len(found.score) < 3:
         return None
     return _field(found, first.shape, cell, within / cell)
+
+
+def _finer(found: Displacement, shape: tuple[int, ...], step: int) -> Displacement:
+    """The same in cells that are so many times smaller."""
+    at = [(np.arange(n) - step // 2) / step for n in shape[:2]]
+    rows, columns = np.meshgrid(*at, indexing="ij")
+
+    def fine(values: np.ndarray) -> np.ndarray:
+        return step * map_coordinates(values, [rows, columns], order=1, mode="nearest")
+
+    shift = np.stack([fine(found.shift[:, :, k]) for k in (0, 1)], axis=-1)
+    m = found.matches
+    matches = Matches(m.place * step + step // 2, m.shift * step, m.variance * step**2, m.score)
+    return Displacement(shift, fine(found.sd), matches, found.dropped, found.scale)
 
 
 def _common(first: np.ndarray, second: np.ndarray, reach: int) -> tuple[int, int]:
@@ -137,7 +157,9 @@ def _matches(first: np.ndarray, second: np.ndarray, common: tuple[int, int], nea
     slope = _steepness(first, size)[at][picked.good]
     noise = (1.0 - np.minimum(picked.score, 0.999))[:, None] * _spread(first, size)[at][picked.good][:, None] ** 2
     shift = picked.at + np.array(common) - nearby
-    return Matches(place, shift, noise / np.maximum(slope, 1e-12) / size, picked.score)
+    variance = noise / np.maximum(slope, 1e-12) / size
+    known = np.isfinite(np.concatenate([shift, variance], axis=1)).all(axis=1)  # not beside holes of the first
+    return _taken(Matches(place, shift, variance, picked.score), np.flatnonzero(known))
 
 
 def _correlation(first: np.ndarray, second: np.ndarray, rows: int, columns: int, size: int) -> np.ndarray:

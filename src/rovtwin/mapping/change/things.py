@@ -46,7 +46,7 @@ def things(test: Test, cell: float, least: float, contrast: float = 0.0) -> list
         test: Of the cells.
         cell: Size of a cell [m].
         least: Size of the smallest thing that was looked for [m].
-        contrast: Least change of reflectance, as a share, that is of interest.
+        contrast: Least change of reflectance that is of interest, as a share, rms over channels.
     """
     about = binary_dilation(test.changed, iterations=max(round(0.5 * least / cell), 1))
     labelled: Any = label(about)
@@ -54,7 +54,7 @@ def things(test: Test, cell: float, least: float, contrast: float = 0.0) -> list
     found = []
     for k, place in enumerate(find_objects(numbers), start=1):
         one = _thing(test, place, numbers[place] == k, cell)
-        if one.area >= _LARGE * least**2 and np.max(np.abs(one.contrast)) >= contrast:
+        if one.area >= _LARGE * least**2 and np.sqrt(np.mean(one.contrast**2)) >= contrast:
             found.append(one)
     return sorted(found, key=lambda one: one.chance)
 

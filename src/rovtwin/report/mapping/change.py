@@ -77,8 +77,6 @@ def difference(
         (columns + 0.5) * sheet.cell, high - (rows + 0.5) * sheet.cell, *there.T, color="white", width=0.004,
         pivot="middle",
     )  # fmt: skip
-    right.set_title(
-        f"shift less its mean of {100 * middle[0]:+.1f} cm east, {100 * middle[1]:+.1f} cm north [mm]",
-        fontsize=SMALL, loc="left", pad=3,
-    )  # fmt: skip
+    right.set_title("shift less its mean [mm]", fontsize=SMALL, loc="left", pad=3)
+    note(right, f"mean {100 * middle[0]:+.1f} cm east, {100 * middle[1]:+.1f} cm north")
     return figure
