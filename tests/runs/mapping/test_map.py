@@ -215,7 +215,7 @@ def test_lines_of_an_instrument_without_a_run_need_a_depth_and_a_datum(run, tmp_
     alone = MapRequest(real, resolution=0.05, turn=1.0, radiance=True, floor="plane")
     with pytest.raises(ConfigError, match="nobody knows how deep"):
         map_run(None, replace(alone, datum=DATUM), tmp_path / "m")
-    with pytest.raises(LogError, match="datum"):
+    with pytest.raises(ConfigError, match="datum"):
         map_run(None, replace(alone, depth=5.0), tmp_path / "m")
     found = rovtwin.map(
         None, real, tmp_path / "m", resolution=0.05, turn=1.0, radiance=True, floor="plane", depth=5.0, datum=DATUM
