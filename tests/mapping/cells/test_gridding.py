@@ -45,7 +45,7 @@ def test_a_pixel_without_a_number_in_a_band_does_not_count_there():
     part = gridded(np.array([4, 4, 5, 6]), np.ones(4), np.zeros((4, 4)), value, np.ones((4, 2)))
     assert part.value[0] == pytest.approx([1.0, 2.0]) and part.variance[0] == pytest.approx([1.0, 0.5])
     assert (part.value[1] == 1.0).all() and np.isnan(part.value[2, 0]) and part.value[2, 1] == 1.0
-    left_out = gridded(np.array([4, -1, 5]), np.array([1.0, 1.0, 0.0]), np.zeros((3, 4)), value, 0 * value)
+    left_out = gridded(np.array([4, -1, 5]), np.array([1.0, 1.0, 0.0]), np.zeros((3, 4)), value[:3], 0 * value[:3])
     assert list(left_out.cells) == [4]
 
 
