@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.commission.dossier import INDEX, OUTCOME
+
 ROOT = Path(__file__).parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from tests.commission.truths import hidden_truth  # noqa: E402  (the path above comes first)
-
-from rovtwin.commission.dossier import INDEX, OUTCOME  # noqa: E402
 
 LINKS = {"blueye": "blueye://127.0.0.2,127.0.0.3", "mavlink": "mavlink://udpin:127.0.0.1:14550", "twin": "twin://"}
 MOCAP = "qtm://127.0.0.1/rov"

@@ -145,8 +145,6 @@ def _check_system(file: Any, path: Path) -> None:
 
 def _window(file: Any, xy: np.ndarray, path: Path) -> Any:
     """The part of a file about the survey."""
-    from rasterio.windows import Window
-
     columns, rows = _cells(file.transform, xy)
     first, last = np.floor([rows.min(), columns.min()]) - _MARGIN, np.ceil([rows.max(), columns.max()]) + _MARGIN
     begin, end = np.maximum(first, 0), np.minimum(last, file.shape)
@@ -160,7 +158,8 @@ def _window(file: Any, xy: np.ndarray, path: Path) -> Any:
         )
     if (end - begin > _MOST).any():
         raise ConfigError(f"{path}: has {end - begin} cells where the survey is, more than {_MOST} a side; resample it")
-    return Window(int(begin[1]), int(begin[0]), int(end[1] - begin[1]), int(end[0] - begin[0]))  # type: ignore[call-arg]
+    window = rasterio("an elevation model").windows.Window
+    return window(int(begin[1]), int(begin[0]), int(end[1] - begin[1]), int(end[0] - begin[0]))
 
 
 def _cells(step: Any, xy: Float[np.ndarray, "*n 2"]) -> tuple[np.ndarray, np.ndarray]:
@@ -186,8 +185,8 @@ def _laid_out(
     """The file's cells, read by splines in its own axes, on a grid of north and east as fine as they."""
     rows, columns = np.arange(depth.shape[0]) + 0.5, np.arange(depth.shape[1]) + 0.5
     if not known.all():  # the spline needs a number everywhere: that of the nearest cell, which counts as unknown
-        nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-        depth = depth[tuple(nearest)]  # type: ignore[arg-type]
+        nearest: Any = distance_transform_edt(~known, return_distances=False, return_indices=True)
+        depth = depth[tuple(nearest)]
     spline = RectBivariateSpline(rows, columns, depth, kx=min(3, len(rows) - 1), ky=min(3, len(columns) - 1))
     slope = projection.slope(0.5 * (projection.low + projection.high))
     cell = np.sqrt(abs(step.a * step.e / np.linalg.det(slope)))  # as large on the floor [m]

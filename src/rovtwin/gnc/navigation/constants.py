@@ -16,7 +16,7 @@ Reference: Friedland (1969), IEEE Transactions on Automatic Control 14(4); Schmi
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -101,7 +101,8 @@ def without(
         turned = velocity @ turn_about_z(-value).T if constant.kind == "dvl_yaw" else velocity * (1.0 + value)
         added = (turned - velocity) @ np.asarray(tuning.mounts[constant.sensor].rotation)
         readings = readings - added[:, None]
-    return {**slots, constant.sensor: Slot(readings, slot.valid, slot.t_valid)}  # type: ignore[arg-type]
+    changed: Any = readings  # NumPy: the compiled step takes both
+    return {**slots, constant.sensor: Slot(changed, slot.valid, slot.t_valid)}
 
 
 def started_without(start: Start, constant: SensorConstant, value: float) -> Start:

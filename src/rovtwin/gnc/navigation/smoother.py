@@ -12,7 +12,6 @@ Reference: Rauch, Tung and Striebel (1965), AIAA Journal 3(8); Särkkä (2013), 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -147,26 +146,26 @@ def _track(
 def _run_forwards(
     filter: NavigationFilter, start: Start, slots: Measurements, commands: Float[np.ndarray, "n thrusters"], dt: float
 ) -> _Forwards:
-    memory, kept = _in_chunks(_forwards, filter, start, slots, commands, dt)
-    x, P, x_after, P_after, B, innovations, omega, filtered = kept
+    memory, kept = _in_chunks(filter, start, slots, commands, dt, whole=True)
+    x, x_after, innovations, P, P_after, B, omega, filtered = kept
     end = np.asarray(memory.x.as_vector()), np.asarray(memory.P)
     return _Forwards(x, P, x_after, P_after, B, innovations, omega, filtered, *end)
 
 
 def _in_chunks(
-    scan: Any,
     filter: NavigationFilter,
     start: Start,
     slots: Measurements,
     commands: Float[np.ndarray, "n thrusters"],
     dt: float,
+    whole: bool,
 ) -> tuple[NavigationMemory, list[np.ndarray]]:
-    """The filter's memory at the end, and what a scan over its ticks kept."""
+    """The filter's memory at the end, and what `_forwards` keeps of all ticks."""
     memory, parts = filter.init(jax.random.key(0), start), []
     chunk = round(SECONDS_AT_ONCE / dt)
     for begin in range(0, len(commands), chunk):
         some = jax.tree.map(lambda leaf, b=begin: jnp.asarray(leaf[b : b + chunk]), (slots, commands))
-        memory, out = scan(filter, memory, *some, dt)
+        memory, out = _forwards(filter, memory, *some, dt, whole)
         parts.append(jax.device_get(out))
     return memory, [np.concatenate(part) for part in zip(*parts, strict=True)]
 
@@ -191,7 +190,7 @@ def _responses(
         for one in constants:
             changed = without(slots, one, sign * one.std, filter.tuning, velocity)
             began = started_without(start, one, sign * one.std)
-            memory, (x, x_after, z) = _in_chunks(_states_forwards, filter, began, changed, commands, dt)
+            memory, (x, x_after, z) = _in_chunks(filter, began, changed, commands, dt, whole=False)
             last = differences(np.asarray(memory.x.as_vector())[None], found.x_n[None])
             before.append(np.concatenate([differences(x, found.x), last]))
             after.append(differences(x_after, found.x_after))
@@ -213,37 +212,25 @@ def _of_velocity(P: Float[np.ndarray, "n 31 31"], R: Rotation) -> Float[np.ndarr
 _Tick = tuple[Measurements, PerThruster]
 
 
-@partial(jax.jit, static_argnames="dt")
+@partial(jax.jit, static_argnames=("dt", "whole"))
 def _forwards(
     filter: NavigationFilter,
     memory: NavigationMemory,
     slots: Measurements,
     commands: Float[Array, "n thrusters"],
     dt: float,
+    whole: bool,
 ) -> tuple[NavigationMemory, tuple[Float[Array, "..."], ...]]:
+    """The filter over a chunk of ticks: states before and after the step, innovations; if `whole`, all the rest too.
+
+    Covariances of readings with a constant put in are nearly those of the readings as they are.
+    """
+
     def tick(memory: NavigationMemory, inputs: _Tick) -> tuple[NavigationMemory, tuple[Float[Array, "..."], ...]]:
         slots, u = inputs
         after, estimate, passed = filter.passed(memory, ObserverInput(slots, Command(u)), dt)
-        kept = passed.x.as_vector(), passed.P, passed.x_after.as_vector(), passed.P_after, passed.B, passed.innovations
-        return after, (*kept, after.omega, estimate.eta)
-
-    return jax.lax.scan(tick, memory, (slots, commands))
-
-
-@partial(jax.jit, static_argnames="dt")
-def _states_forwards(
-    filter: NavigationFilter,
-    memory: NavigationMemory,
-    slots: Measurements,
-    commands: Float[Array, "n thrusters"],
-    dt: float,
-) -> tuple[NavigationMemory, tuple[Float[Array, "..."], ...]]:
-    """The same without covariances, which are nearly those of the readings as they are."""
-
-    def tick(memory: NavigationMemory, inputs: _Tick) -> tuple[NavigationMemory, tuple[Float[Array, "..."], ...]]:
-        slots, u = inputs
-        after, _, passed = filter.passed(memory, ObserverInput(slots, Command(u)), dt)
-        return after, (passed.x.as_vector(), passed.x_after.as_vector(), passed.innovations)
+        states = passed.x.as_vector(), passed.x_after.as_vector(), passed.innovations
+        return after, (*states, passed.P, passed.P_after, passed.B, after.omega, estimate.eta) if whole else states
 
     return jax.lax.scan(tick, memory, (slots, commands))
 

@@ -103,12 +103,6 @@ class JointErrors:
         c = len(CALIBRATION)
         return self.mean[-c:], self.covariance[-c:, -c:]
 
-    @property
-    def sensor_constants(self) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
-        """Mean and covariance of what is left of the sensors' constants after smoothing."""
-        some = slice(POSE * len(self.t), POSE * len(self.t) + len(self.constants))
-        return self.mean[some], self.covariance[some, some]
-
     def applied(self, navigation: Navigation) -> Navigation:
         """Poses with their errors taken out; what is left unsure is `covariance`."""
         error = self.pose_errors(navigation.t)

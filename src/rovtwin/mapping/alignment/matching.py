@@ -104,29 +104,21 @@ def _middles(both: np.ndarray, cell: float, how: Matching) -> list[tuple[int, in
 def _at(one: Strip, other: Strip, middle: tuple[int, int], shift: np.ndarray, how: Matching) -> _Tie | None:
     """The tie of a patch about a cell of one, if there is any."""
     half, reach = round(0.5 * how.size / one.cell), round(how.reach / one.cell)
-    patch = _cut(one.bright, middle, half)
+    patch = cut(one.bright, middle, half)
     there = (middle[0] - shift[0], middle[1] - shift[1])
-    search = _cut(other.bright, there, half + reach)
-    correlation, cells = correlations(patch, search, how.whole)
-    if not np.isfinite(correlation).any():
+    correlation, cells = correlations(patch, cut(other.bright, there, half + reach), how.whole)
+    found = shift_of(correlation, cells)
+    if found is None or found.score < how.least:
         return None
-    row, column = divmod(int(np.nanargmax(correlation)), correlation.shape[1])
-    peak = row, column
-    best = float(correlation[peak])
-    if best < how.least or _next_peak(correlation, peak, how.apart) > how.distinct * best:
+    if _next_peak(correlation, found.peak, how.apart) > how.distinct * found.score:
         return None
-    fine = _fine(correlation, peak)
-    if fine is None:
-        return None
-    offset, curvature = fine
-    covariance = (1.0 - best) / (best * cells[peak]) * np.linalg.inv(-curvature) + how.floor**2 * np.eye(2)
+    covariance = found.covariance + how.floor**2 * np.eye(2)
     if np.sqrt(np.linalg.eigvalsh(covariance)[-1]) > 2.0:  # cells
         return None
-    moved = np.array(peak) - reach + offset
-    seen = [_when(one, np.array(middle, float), half), _when(other, np.array(there) + moved, half)]
+    seen = [_when(one, np.array(middle, float), half), _when(other, np.array(there) + found.shift, half)]
     if not np.isfinite(seen).all():
         return None
-    return [x[0] for x in seen], [x[1] for x in seen], covariance * one.cell**2, best
+    return [x[0] for x in seen], [x[1] for x in seen], covariance * one.cell**2, found.score
 
 
 def correlations(
@@ -149,7 +141,38 @@ def correlations(
     return np.where(count >= whole * n * n, found, np.nan), count
 
 
-def _cut(picture: Float[np.ndarray, "r c"], middle: tuple[int, int], half: int) -> Float[np.ndarray, "n n"]:
+@dataclass(frozen=True)
+class Shift:
+    """Where a patch lies in the picture that it was looked for in.
+
+    Attributes:
+        peak: Row and column of the highest correlation.
+        shift: Rows and columns from the middle of the picture to the top of the paraboloid through that peak.
+        covariance: Of the shift, by Cramér and Rao [cells2].
+        score: The highest correlation.
+    """
+
+    peak: tuple[int, int]
+    shift: Float[np.ndarray, "2"]
+    covariance: Float[np.ndarray, "2 2"]
+    score: float
+
+
+def shift_of(correlation: Float[np.ndarray, "k k"], cells: Float[np.ndarray, "k k"]) -> Shift | None:
+    """The shift at the highest of the `correlations`; None where they have no top inside."""
+    if not np.isfinite(correlation).any():
+        return None
+    row, column = divmod(int(np.nanargmax(correlation)), correlation.shape[1])
+    peak = row, column
+    best, fine = float(correlation[peak]), _fine(correlation, peak)
+    if fine is None or best <= 0.0:
+        return None
+    offset, curvature = fine
+    covariance = (1.0 - best) / (best * cells[peak]) * np.linalg.inv(-curvature)
+    return Shift(peak, np.array(peak) - correlation.shape[0] // 2 + offset, covariance, best)
+
+
+def cut(picture: Float[np.ndarray, "r c"], middle: tuple[int, int], half: int) -> Float[np.ndarray, "n n"]:
     """A square about a cell, no numbers where the picture ends."""
     found = np.full((2 * half + 1, 2 * half + 1), np.nan)
     low = np.array(middle) - half
@@ -194,7 +217,7 @@ def _when(strip: Strip, at: Float[np.ndarray, "2"], half: int) -> Float[np.ndarr
     """Stamp and pixel that saw a place between cells: planes through those of the cells about it."""
     i, j = np.rint(at).astype(int)
     near = max(half // 3, 2)
-    t, pixel = (_cut(x, (int(i), int(j)), near) for x in (strip.t, strip.pixel))
+    t, pixel = (cut(x, (int(i), int(j)), near) for x in (strip.t, strip.pixel))
     cells, good = np.indices(t.shape) - near, np.isfinite(t)
     u, v = cells[0], cells[1]
     if good.sum() < 6:

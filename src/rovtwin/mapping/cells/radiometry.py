@@ -79,9 +79,9 @@ class Correction:
         return some, low, share.astype(np.float32)[:, None]
 
     def gain_and_veil(self, located: Located, line: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of one line's pixels, shape (pixel, band) each; 1 and 0 where radiance is asked for."""
+        """Of one line's pixels, shape (pixel, band) each; the numbers 1 and 0 where radiance is asked for."""
         if self.model is None:
-            return np.float32(1.0), np.float32(0.0)  # type: ignore[return-value]
+            return np.array(1.0, np.float32), np.array(0.0, np.float32)
         some, low, share = self._some
         hits = FloorHits(located.way[line, some], located.point[line, some], located.normal[line, some])
         found = self.model.gain_and_veil(hits, located.position[line], located.rotation[line], some)

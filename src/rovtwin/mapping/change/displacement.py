@@ -12,6 +12,7 @@ than that. The covariances of patches are enlarged where they agree less, and a 
 Reference: Lewis (1995), Fast normalized cross-correlation; Rasmussen and Williams (2006), Gaussian Processes, ch. 2.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import map_coordinates
 
+from rovtwin.mapping.alignment.matching import correlations, cut, shift_of
 from rovtwin.mapping.change.channels import box_mean
 
 PATCH, SPACING = 0.4, 0.25  # [m]
@@ -144,74 +146,21 @@ def _score(a: np.ndarray, b: np.ndarray, rows: int, columns: int) -> float:
 
 def _matches(first: np.ndarray, second: np.ndarray, common: tuple[int, int], nearby: int, cell: float) -> Matches:
     """The best place of each patch within `nearby` cells of the common displacement."""
-    size, step = max(round(PATCH / cell), 5), max(round(SPACING / cell), 2)
-    rows, columns = (np.arange(size // 2, n - size // 2, step) for n in first.shape)
-    offsets = range(-nearby, nearby + 1)
-    scores = np.full((len(rows), len(columns), len(offsets), len(offsets)), np.nan)
-    at = np.ix_(rows, columns)
-    for i, down in enumerate(offsets):
-        for j, right in enumerate(offsets):
-            scores[:, :, i, j] = _correlation(first, second, common[0] + down, common[1] + right, size)[at]
-    picked = _peaks(scores)
-    place = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)[picked.good].astype(float)
-    slope = _steepness(first, size)[at][picked.good]
-    noise = (1.0 - np.minimum(picked.score, 0.999))[:, None] * _spread(first, size)[at][picked.good][:, None] ** 2
-    shift = picked.at + np.array(common) - nearby
-    variance = noise / np.maximum(slope, 1e-12) / size
-    known = np.isfinite(np.concatenate([shift, variance], axis=1)).all(axis=1)  # not beside holes of the first
-    return _taken(Matches(place, shift, variance, picked.score), np.flatnonzero(known))
-
-
-def _correlation(first: np.ndarray, second: np.ndarray, rows: int, columns: int, size: int) -> np.ndarray:
-    """Normalised cross-correlation of the square about each cell, over what both have seen."""
-    moved = _shifted(second, rows, columns)
-    both = np.isfinite(first) & np.isfinite(moved)
-    a, b = (np.where(both, image, np.nan) for image in (first, moved))
-    mean_a, mean_b, mean_aa, mean_bb, mean_ab = (
-        box_mean(image, size, _LEAST_SEEN)[0] for image in (a, b, a * a, b * b, a * b)
+    half, step = max(round(0.5 * PATCH / cell), 2), max(round(SPACING / cell), 2)
+    place, found = [], []
+    for row, column in itertools.product(*(range(half, n - half, step) for n in first.shape)):
+        there = row + common[0], column + common[1]
+        compared = correlations(cut(first, (row, column), half), cut(second, there, half + nearby), _LEAST_SEEN)
+        one = shift_of(*compared)
+        if one is not None and one.score > _LEAST_SCORE:
+            place.append([row, column])
+            found.append(one)
+    return Matches(
+        np.array(place, float).reshape(-1, 2),
+        np.array([common + one.shift for one in found]).reshape(-1, 2),
+        np.array([np.diagonal(one.covariance) for one in found]).reshape(-1, 2),
+        np.array([one.score for one in found]),
     )
-    with np.errstate(all="ignore"):
-        return (mean_ab - mean_a * mean_b) / np.sqrt((mean_aa - mean_a**2) * (mean_bb - mean_b**2))
-
-
-@dataclass(frozen=True)
-class _Picked:
-    """Which patches have a peak inside the searched square, where it is, and how high."""
-
-    good: np.ndarray
-    at: Float[np.ndarray, "n 2"]
-    score: Float[np.ndarray, " n"]
-
-
-def _peaks(scores: Float[np.ndarray, "row column down right"]) -> _Picked:
-    n = scores.shape[2]
-    flat = np.where(np.isfinite(scores), scores, -2.0).reshape(*scores.shape[:2], -1)
-    best = flat.argmax(axis=2)
-    i, j = best // n, best % n
-    inside = (i > 0) & (i < n - 1) & (j > 0) & (j < n - 1) & (flat.max(axis=2) > _LEAST_SCORE)
-    row, column = np.nonzero(inside)
-    i, j = i[inside], j[inside]
-    top = scores[row, column, i, j]
-    up, down = scores[row, column, i - 1, j], scores[row, column, i + 1, j]
-    left, right = scores[row, column, i, j - 1], scores[row, column, i, j + 1]
-    whole = np.isfinite(up + down + left + right)
-    with np.errstate(all="ignore"):
-        at = np.stack(
-            [i + 0.5 * (up - down) / (up - 2.0 * top + down), j + 0.5 * (left - right) / (left - 2.0 * top + right)],
-            axis=-1,
-        )
-    inside[row[~whole], column[~whole]] = False
-    return _Picked(inside, at[whole], top[whole])
-
-
-def _steepness(image: np.ndarray, size: int) -> Float[np.ndarray, "row column 2"]:
-    """Mean squared slope along rows and columns over the square about each cell."""
-    return np.stack([box_mean(np.gradient(image, axis=k) ** 2, size, _LEAST_SEEN)[0] for k in (0, 1)], axis=-1)
-
-
-def _spread(image: np.ndarray, size: int) -> Float[np.ndarray, "row column"]:
-    mean, square = (box_mean(one, size, _LEAST_SEEN)[0] for one in (image, image**2))
-    return np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
 def _field(found: Matches, shape: tuple[int, ...], cell: float, within: float) -> Displacement:

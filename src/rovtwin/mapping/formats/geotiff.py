@@ -3,7 +3,7 @@
 Wavelengths stand twice, as GDAL 3.10 and later has them (domain IMAGERY, in um) and as QGIS and EnMAP-Box read them.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,6 @@ def _written(
     """A plain GeoTIFF first, block by block; the copy puts it in order and adds overviews."""
     rio = rasterio("a GeoTIFF")
     from rasterio.shutil import copy
-    from rasterio.windows import Window
 
     base: dict[str, Any] = {"driver": "GTiff", "width": grid.columns, "height": grid.rows, "count": bands}
     base |= {"dtype": kind, "crs": grid.crs, "transform": grid.transform, "BIGTIFF": "IF_SAFER"}
@@ -104,7 +103,7 @@ def _written(
             try:
                 with rio.open(plain, "w", **base) as file:
                     for row, block in blocks:
-                        file.write(block, window=Window(0, row, grid.columns, block.shape[1]))  # type: ignore[call-arg]
+                        file.write(block, window=rio.windows.Window(0, row, grid.columns, block.shape[1]))
                     dress(file)
                 copy(plain, temporary, **_COG, **more)
             except rio.errors.RasterioError as error:
@@ -113,8 +112,3 @@ def _written(
         for left in (plain, plain.with_name(f"{plain.name}.aux.xml")):
             left.unlink(missing_ok=True)
     return path
-
-
-def bands_of(names: Sequence[str], wavelengths: Float[np.ndarray, " band"]) -> dict[str, int]:
-    """Numbers of the bands nearest to wavelengths written as names."""
-    return {name: int(np.argmin(np.abs(wavelengths - float(name)))) for name in names}

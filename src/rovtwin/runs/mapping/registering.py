@@ -18,7 +18,7 @@ from rovtwin.mapping.alignment.matching import match_strips
 from rovtwin.mapping.alignment.registration import Registration, register
 from rovtwin.mapping.alignment.sights import CALIBRATION, sights
 from rovtwin.mapping.alignment.strips import SHORTEST, straight_runs, strip_of
-from rovtwin.mapping.alignment.ties import ControlPoints, Observations, Ties, observe
+from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference, Located
 from rovtwin.runs.mapping.points import columns_of
@@ -42,7 +42,6 @@ class Registered:
         delay: To be added to the stamps [s].
         joint: Errors that are left, and their covariance.
         registration: What was done; None where nothing was registered.
-        observed: Ties and control points; None likewise.
         remarks: For people.
     """
 
@@ -50,7 +49,6 @@ class Registered:
     delay: float
     joint: JointErrors
     registration: Registration | None
-    observed: Observations | None
     remarks: list[str]
 
 
@@ -110,7 +108,7 @@ def registered(
             remarks.append(f"{one.name.replace('_', ' ')}: {value:+.2f} {unit} (sd {sd:.2f})")
     mount, delay = done.joint.mounted(georeference.mount)
     better = replace(georeference, navigation=done.joint.applied(georeference.navigation), mount=mount)
-    return Registered(better, delay, done.joint, done, observed, remarks)
+    return Registered(better, delay, done.joint, done, remarks)
 
 
 def _doubts(done: Registration) -> list[str]:
@@ -266,5 +264,5 @@ def filled(table: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]) -> F
     """Of nodes that see no floor, whose derivatives are zero and say nothing: the value of the nearest that does."""
     if not valid.any():
         return np.full(table.shape, np.nan)
-    nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
-    return table[tuple(nearest)]  # type: ignore[arg-type]
+    nearest: Any = distance_transform_edt(~valid, return_distances=False, return_indices=True)
+    return table[tuple(nearest)]

@@ -204,14 +204,14 @@ class Found:
             return self.scene.floor, 0.0, []
         if asked == "altimeter":
             surface = self.surface(low, high)
-            sigma = float(np.sqrt(np.median(surface.floor.sigma**2)))
+            sigma = _within(surface.floor, low + _REACH, high - _REACH)
             word = (
                 f"floor: {len(surface.hits)} cells of altimeter echoes ({surface.dropped} echoes left out), height "
-                f"varies by {surface.scale:.2f} m over {surface.length:.1f} m, unsure by {sigma:.3f} m in the middle"
+                f"varies by {surface.scale:.2f} m over {surface.length:.1f} m, unsure by {sigma:.3f} m in the median"
             )
             return surface.floor, sigma, [word]
         found = self._elevation(low, high)
-        return found, float(found.sigma.mean()), [f"floor: {found.source}"]
+        return found, _within(found, low + _REACH, high - _REACH), [f"floor: {found.source}"]
 
     def surface(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Surface:
         """The likeliest floor through the altimeter's echoes.
@@ -280,3 +280,9 @@ def find(run: Path | None, request: MapRequest) -> Found:
     except BaseException:
         lines.close()
         raise
+
+
+def _within(floor: GridFloor, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> float:
+    """Median of the floor's standard deviation over a box [m]: beyond it nobody has sounded, and nothing is mapped."""
+    place = np.stack(np.meshgrid(*np.linspace(low, high, 30).T, indexing="ij"), axis=-1)
+    return float(np.median(floor.depth_sigma(place)))
