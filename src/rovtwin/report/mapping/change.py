@@ -78,5 +78,4 @@ def difference(
         pivot="middle",
     )  # fmt: skip
     right.set_title("shift less its mean [mm]", fontsize=SMALL, loc="left", pad=3)
-    note(right, f"mean {100 * middle[0]:+.1f} cm east, {100 * middle[1]:+.1f} cm north")
     return figure
