@@ -93,6 +93,7 @@ def pictures(one, noise=0.05):
     return t, bright * lamp * (1.0 + noise * rng.normal(size=T.shape))
 
 
+@pytest.mark.system
 def test_a_survey_is_put_together_by_its_pictures_alone():
     one = survey(seed=3)
     t, bright = pictures(one)

@@ -49,6 +49,7 @@ def registered(one, ties, control=None, **given):
     return register(one.joint, observe(one.joint, one.stated, ties, control), **given)
 
 
+@pytest.mark.system
 def test_stated_and_true_errors_agree_before_and_after():
     """Over surveys: absolutely, within the mosaic, and in the ties' own test."""
     before, after, within, nis = [], [], [], []

@@ -89,6 +89,7 @@ def test_a_tilted_imager_s_swath_is_where_it_looks(tmp_path, area):
     assert any("whose swath has its middle" in remark for remark in survey.remarks)
 
 
+@pytest.mark.system
 def test_noise_alone_is_a_common_offset_with_a_doppler_log_and_not_without(area, sigma):
     """As measured on flights of such surveys (docs/survey.md)."""
     with_log, without = sigma.rms(), predict(lay_out(request_of(area, (), assumed=Assumptions.ideal()))).rms()
@@ -157,6 +158,7 @@ def gaps_file(path, *boxes, datum=DATUM, **more):
     return path
 
 
+@pytest.mark.system
 def test_gaps_become_the_next_plan(area, tmp_path):
     gaps = gaps_file(tmp_path / "gaps.geojson", (1, 1, 3, 1.1), (4, 2, 4.4, 3.9), (1, 1, 1.0005, 1.0005))
     whole, survey = lay_out(request_of(area)), lay_out(replace(request_of(area), gaps=tmp_path))
@@ -205,6 +207,7 @@ def run(*words):
     return CliRunner().invoke(app, ["plan-survey", *map(str, words)])
 
 
+@pytest.mark.system
 def test_the_command_says_what_is_predicted(area, tmp_path):
     out, picture = tmp_path / "s.yaml", tmp_path / "sigma.png"
     words = ("--area", area, "--imager", "uhi", "--altitude", 1.5, "--floor", 5, "--heading", 0, "-o", out)
