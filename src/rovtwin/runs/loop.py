@@ -1,16 +1,17 @@
 """The closed loop: autopilot and twin, compiled together and advanced in chunks of one simulated second."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
 from rovtwin.core.arrays.batch import batched
-from rovtwin.core.arrays.flat import Layout
+from rovtwin.core.arrays.flat import Flat
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
-from rovtwin.core.numerics import Array, in_one_piece, jax, jit_once, jnp, shapes_in_one_piece
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.programs.compiled import in_one_piece, jit_once
 from rovtwin.core.types import HostArray, Index, PRNGKey, Scalar, Vector3, Vector6
 from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.events.topside import Topside
@@ -147,31 +148,27 @@ advance_batch = jax.jit(_chunk_batch, static_argnames=("ticks", "control_dt"), d
 """The same for a batch of vehicles: a leading axis on every array of loops and memories; records (n, ticks, ...)."""
 
 
-_tick = jax.jit(Loop.tick, static_argnames="control_dt")  # traced once, for what it gives and for the scan
+def _begin(loop: Loop, key: PRNGKey, start: Start, *, control_dt: float) -> tuple[Flat[Loop], Flat[LoopMemory]]:
+    return Flat.of(loop), Flat.of(loop.init(key, start, control_dt))
 
 
 def _advance_flat(
-    loop: Float[Array, " _"],
-    memory: Float[Array, " _"],
-    k: Index,
-    *,
-    layouts: "_Layouts",
-    ticks: int,
-    control_dt: float,
-) -> tuple[Float[Array, " _"], Float[Array, "ticks _"]]:
-    parameters = layouts.loop.unflatten(loop)
+    loop: Flat[Loop], memory: Flat[LoopMemory], k: Index, *, ticks: int, control_dt: float
+) -> tuple[Flat[LoopMemory], Flat[Record]]:
+    parameters = loop.tree
 
-    def one(carry: LoopMemory, i: Index) -> tuple[LoopMemory, Float[Array, " _"]]:
-        after, record = _tick(parameters, carry, i, control_dt=control_dt)
-        return after, layouts.record.flatten(record)
+    def one(carry: LoopMemory, i: Index) -> tuple[LoopMemory, Flat[Record]]:
+        after, record = parameters.tick(carry, i, control_dt)
+        return after, Flat.of(record)
 
-    after, records = jax.lax.scan(one, layouts.memory.unflatten(memory), k + jnp.arange(ticks))
-    return layouts.memory.flatten(after), records
+    after, records = jax.lax.scan(one, memory.tree, k + jnp.arange(ticks))
+    return Flat.of(after), records
 
 
+_start = jit_once(_begin, static_argnames="control_dt")
 _advance = {
     quickly: in_one_piece(
-        _advance_flat, quickly, static_argnames=("layouts", "ticks", "control_dt"), donate_argnames="memory"
+        _advance_flat, quickly, static_argnames=("ticks", "control_dt"), donate_argnames="memory"
     )
     for quickly in (True, False)
 }
@@ -179,12 +176,6 @@ _advance = {
 # earlier (docs/performance.md). Most missions end before it has lost that, and a longer one goes on with the other. The
 # tick decides, and not what is compiled already, so that the same scenario gives the same figures.
 SHORT = 30_000  # ticks
-
-
-class _Layouts(NamedTuple):
-    loop: Layout[Loop]
-    memory: Layout[LoopMemory]
-    record: Layout[Record]
 
 
 class HostLoop:
@@ -195,28 +186,16 @@ class HostLoop:
 
     def __init__(self, loop: Loop, key: PRNGKey, start: Start, control_dt: float, ticks: int, short: int = SHORT):
         """A chunk is `ticks` control ticks of `control_dt` seconds; from tick `short` on the program is optimised."""
-        memory = start_loop(loop, key, start, control_dt=control_dt)
         self._k, self._ticks, self._control_dt, self._short = 0, ticks, control_dt, short
-        # Without weak types, as they come out of a vector: so a tick is traced once.
-        given = jax.tree.map(
-            lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (loop, memory, jnp.arange(1)[0])
-        )
-        _, record = shapes_in_one_piece(_tick, *given, control_dt=control_dt)
-        self._layouts = _Layouts(Layout(loop), Layout(memory), Layout(record))
-        self._loop = _flatten(loop, layout=self._layouts.loop)
-        self._memory = _flatten(memory, layout=self._layouts.memory)
+        self._loop, self._memory = _start(loop, key, start, control_dt=control_dt)
 
     def advance(self) -> Record:
         """The records of the next chunk, NumPy, leading axis ticks."""
-        k = np.asarray(self._k)
         self._memory, records = _advance[self._k < self._short](
-            self._loop, self._memory, k, layouts=self._layouts, ticks=self._ticks, control_dt=self._control_dt
+            self._loop, self._memory, np.asarray(self._k), ticks=self._ticks, control_dt=self._control_dt
         )
         self._k += self._ticks
-        return self._layouts.record.unflatten(np.asarray(records))
-
-
-_flatten = in_one_piece(lambda tree, *, layout: layout.flatten(tree), quickly=True, static_argnames="layout")
+        return Flat(np.asarray(records.vector), records.layout).tree
 
 
 def stack(trees: list[Any]) -> Any:

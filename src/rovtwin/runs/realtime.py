@@ -9,7 +9,8 @@ from jaxtyping import Float
 from rovtwin.core.arrays.flat import Layout, Packer
 from rovtwin.core.block import Block
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Command, Measurement, Measurements
-from rovtwin.core.numerics import Array, in_one_piece, jax, jnp, shapes_in_one_piece
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.programs.compiled import in_one_piece, shapes_in_one_piece
 
 NO_PILOT_COMMAND = (0.0, 0.0, 0.0, 0.0)  # of a pilot: the vehicle stays
 

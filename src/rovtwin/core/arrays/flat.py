@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -9,13 +11,14 @@ from jaxtyping import Float
 
 from rovtwin.core.flow import Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.programs.description import Described
 
 Tree = TypeVar("Tree")
 
 EXACT = ("float64", "float32", "int64", "int32", "uint32", "uint8", "bool")  # types whose values float64 keeps
 
 
-class Layout(Generic[Tree]):
+class Layout(Described, Generic[Tree]):
     """Where each leaf of a pytree lies in one float64 vector.
 
     The way there and back is exact for floats (infinities and NaN too), bools, and integers up to 2**53 in size.
@@ -41,6 +44,12 @@ class Layout(Generic[Tree]):
         self._identity = (self._structure, tuple((shape, dtype) for _, shape, dtype in self._leaves))
         self._hash = hash(self._identity)
 
+    def described(self) -> Any:
+        return self._structure, [(shape, dtype) for _, shape, dtype in self._leaves]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _layout, self.described()  # a hash is of one process
+
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Layout) and self._identity == other._identity)
 
@@ -64,6 +73,35 @@ class Layout(Generic[Tree]):
         ahead = vector.shape[:-1]
         leaves = [vector[..., place].reshape((*ahead, *shape)).astype(dtype) for place, shape, dtype in self._leaves]
         return self._structure.unflatten(leaves)
+
+
+def _layout(structure: Any, leaves: list[tuple[tuple[int, ...], np.dtype]]) -> Layout[Any]:
+    return Layout(structure.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in leaves]))
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["vector"], meta_fields=["layout"])
+@dataclass(frozen=True)
+class Flat(Generic[Tree]):
+    """A pytree as one vector, which says what lies where: what a compiled function may take and give.
+
+    Attributes:
+        vector: Shape (..., size).
+        layout: Part of the structure of what it is in, as static as a shape.
+    """
+
+    vector: Any
+    layout: Layout[Tree]
+
+    @classmethod
+    def of(cls, tree: Tree) -> "Flat[Tree]":
+        """For compiled code."""
+        layout = Layout(tree)
+        return cls(layout.flatten(tree), layout)
+
+    @property
+    def tree(self) -> Tree:
+        """See `Layout.unflatten`."""
+        return self.layout.unflatten(self.vector)
 
 
 class Packer:

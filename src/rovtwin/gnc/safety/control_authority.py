@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import null_space
 
-from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.programs.compiled import jit_once
 from rovtwin.core.types import Index, PerThruster, Vector6
 from rovtwin.gnc.allocation.attainable_wrench import RemainingWrench, remaining
 from rovtwin.gnc.control.heave_feedback import TILTS

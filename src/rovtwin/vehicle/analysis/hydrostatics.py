@@ -1,13 +1,16 @@
 """How weight and buoyancy balance in still water: net buoyancy, trim, BG, righting stiffness. Plain NumPy."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.description.totals.assembly import Assembly
 from rovtwin.vehicle.physics.dynamics import restoring_lever
+
+if TYPE_CHECKING:
+    from rovtwin.vehicle.description.totals.assembly import Assembly
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ def floating(weight: float, buoyancy: float, r_g: Float[np.ndarray, "3"], r_b: F
     return Floating(buoyancy - weight, float(r_g[2] - r_b[2]), np.full(2, lever[2]), trim)
 
 
-def floating_of(total: Assembly) -> Floating:
+def floating_of(total: "Assembly") -> Floating:
     """Of the totals of a vehicle, in the water they are given for."""
     weight, buoyancy = total.solid.mass * GRAVITY, total.density * GRAVITY * total.volume
     return floating(weight, buoyancy, total.solid.center_of_gravity, total.center_of_buoyancy)

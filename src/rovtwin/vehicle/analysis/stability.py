@@ -20,7 +20,8 @@ from jaxtyping import Float
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
-from rovtwin.core.numerics import Array, as_array, jax, jit_once, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.programs.compiled import jit_once
 from rovtwin.core.types import Scalar
 from rovtwin.vehicle.analysis.hydrostatics import floating
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits, wrench_of_forces

@@ -1,0 +1,1 @@
+"""Compiled programs: how functions are compiled (`compiled`), and kept between processes without a trace (`kept`)."""

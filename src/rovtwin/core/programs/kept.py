@@ -1,0 +1,228 @@
+"""Compiled programs kept between processes under a key that needs no trace: a file each in `$ROVTWIN_CACHE/programs`.
+
+JAX's own compilation cache finds a program by its StableHLO, which takes a trace to make: for a flight three times as
+long as all the rest. Here the key is a digest of all that a trace could depend on (`Description`), of versions,
+settings and the processor. Where anything has no description, such as a block of one's own, JAX's way is taken.
+
+The files are pickles with machine code in them, like those of JAX's cache beside them: whoever may write to the folder
+may run code as its owner. `ROVTWIN_CHECK_KEPT=1` traces all the same and compares.
+"""
+
+import hashlib
+import io
+import logging
+import os
+import pickle
+import platform
+import sys
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jax._src import compilation_cache, config
+from jax.experimental import serialize_executable
+
+from rovtwin.core.numerics import cache_folder, jax
+from rovtwin.core.programs.description import Description, Undescribed
+from rovtwin.core.user_files.files import write_bytes
+
+logger = logging.getLogger(__name__)
+
+FORMAT = b"rovtwin program 1\n"
+_DIGEST = 32  # bytes of SHA-256
+
+
+class WrongProgram(RuntimeError):
+    """`ROVTWIN_CHECK_KEPT` found a kept program that is not what would be compiled: a fault of this package."""
+
+
+class Program(NamedTuple):
+    """A compiled program and the digest of the StableHLO that it was made from."""
+
+    call: Callable[..., Any]
+    source: str
+
+
+def is_checked() -> bool:
+    """Whether each kept program is traced anew and compared."""
+    return os.environ.get("ROVTWIN_CHECK_KEPT", "") not in ("", "0")
+
+
+def key_of(function: Callable[..., Any], arguments: tuple[Any, ...], *details: Any) -> str | None:
+    """A key of the program of a function for arguments of these shapes; None where no sound one can be given.
+
+    Args:
+        function: What is traced.
+        arguments: Its arguments, of which structure, static fields, shapes and types count, and no values.
+        details: Static arguments and all that changes the compilation.
+    """
+    if jax.default_backend() != "cpu" or not jax.config.jax_enable_compilation_cache:
+        return None
+    description = Description()
+    try:
+        for part in (_surroundings(), _settings()):
+            description.put(part)
+        description.put(details)
+        leaves, structure = jax.tree.flatten(arguments)
+        description.put(structure)
+        description.put(tuple(form(leaf) for leaf in leaves))
+        description.put(function)
+        return description.digest()
+    except (Undescribed, ImportError, AttributeError) as error:  # of another JAX, what is asked of it may be missing
+        logger.debug("not kept: %s", error)
+        return None
+
+
+def form(leaf: Any) -> tuple[Any, ...]:
+    """What a trace sees of an array: shape, type, and whether the type is weak."""
+    if hasattr(leaf, "dtype"):
+        return (leaf.shape, str(leaf.dtype), getattr(leaf, "weak_type", False))
+    return ((), type(leaf).__name__, True)
+
+
+@cache
+def _surroundings() -> tuple[Any, ...]:
+    """Versions, flags and the processor: they stay as they are while a process runs."""
+    versions = tuple((name, str(sys.modules[name].__version__)) for name in _NUMERIC)
+    flags = tuple(sorted((k, v) for k, v in os.environ.items() if k.startswith(("XLA_", "JAX_", "PJRT_"))))
+    client = jax.devices()[0].client
+    where = (client.platform, client.platform_version, tuple(device.device_kind for device in jax.devices()))
+    return (FORMAT, sys.version, versions, flags, where, platform.machine(), _processor())
+
+
+_NUMERIC = ("jax", "jaxlib", "numpy", "equinox", "ml_dtypes")
+
+
+def _processor() -> str:
+    """What sets the instructions that may be used."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return " ".join((platform.processor(), platform.node()))
+    return "\n".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features", "CPU "))}))
+
+
+def _settings() -> tuple[Any, ...]:
+    """JAX's settings as they are now, those of contexts too."""
+    context = config.trace_context()
+    axes = [item for item in context if type(item).__name__ == "AxisEnv"]
+    if any(axis.axis_sizes or axis.spmd_axis_names for axis in axes):
+        raise Undescribed("a mapped axis")
+    return tuple(item for item in context if item not in axes)
+
+
+def path_of(name: str, key: str) -> Path:
+    return cache_folder() / "programs" / f"{name}-{key}"
+
+
+def load(name: str, key: str, arguments: tuple[Any, ...]) -> Program | None:
+    """The program of a key, None if there is none that can be used."""
+    path = path_of(name, key)
+    try:
+        raw = path.read_bytes()
+    except OSError:
+        return None
+    try:
+        source, executable, outputs = pickle.loads(_checked(raw, key))
+        takes = jax.tree.structure((arguments, {}))
+        return Program(serialize_executable.deserialize_and_load(executable, takes, outputs), source)
+    except Exception as error:  # of another version of JAX, or damaged in a way that the digest does not show
+        logger.warning("%s: cannot be used (%s), compiled anew", path, " ".join(str(error).split())[:200])
+        return None
+
+
+def _checked(raw: bytes, key: str) -> bytes:
+    """What is in a file, if it is whole and of this key."""
+    head = FORMAT + key.encode()
+    body = raw[len(head) + _DIGEST :]
+    if not raw.startswith(head) or hashlib.sha256(body).digest() != raw[len(head) : len(head) + _DIGEST]:
+        raise ValueError("found a damaged file")
+    return zlib.decompress(body)
+
+
+@contextmanager
+def noting() -> Iterator[list[bytes]]:
+    """Gives a list, empty or with what JAX's cache holds of the program that is compiled meanwhile.
+
+    An executable that was read is not written whole a second time: it lacks functions.
+    """
+    found: list[bytes] = []
+    taken_apart = compilation_cache.extract_executable_and_time
+
+    def noted(raw: bytes) -> Any:
+        executable, seconds = taken_apart(raw)
+        found.append(executable)
+        return executable, seconds
+
+    compilation_cache.extract_executable_and_time = noted
+    try:
+        yield found
+    finally:
+        compilation_cache.extract_executable_and_time = taken_apart
+
+
+def save(name: str, key: str, compiled: Any, read: list[bytes], source: str) -> None:
+    """Keep a compiled program; where that cannot be done it is compiled again next time.
+
+    Written whole or not at all, so that of two processes at once each leaves a whole file.
+
+    Args:
+        name: Of the function.
+        key: See `key_of`.
+        compiled: A `jax.stages.Compiled`.
+        read: See `noting`.
+        source: See `source_of`.
+    """
+    path = path_of(name, key)
+    try:
+        body = _pickled((source, _parts(compiled, read), compiled.out_tree))
+        if pickle.loads(body)[2] != compiled.out_tree:
+            raise ValueError("what it gives is not the same read back")
+        body = zlib.compress(body, 1)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, FORMAT + key.encode() + hashlib.sha256(body).digest() + body)
+    except Exception as error:  # a full disk, or a program that JAX cannot write
+        logger.debug("%s: not kept: %s", name, error)
+
+
+def _parts(compiled: Any, read: list[bytes]) -> bytes:
+    """What `serialize_executable.serialize` gives, with the executable as it was read where it was."""
+    if not read:
+        return serialize_executable.serialize(compiled)[0]
+    if compiled._params.const_args or len(read) > 1:
+        raise ValueError("found constants that were handed over, or two programs in one")
+    with io.BytesIO() as file:
+        _FromCache(file, read[0]).dump(
+            (compiled._executable._unloaded_executable, jax.tree.leaves(compiled.args_info), compiled._no_kwargs)
+        )
+        return file.getvalue()
+
+
+class _FromCache(serialize_executable._JaxPjrtPickler):
+    def __init__(self, file: io.BytesIO, executable: bytes):
+        super().__init__(file)
+        self._executable = executable
+
+    def persistent_id(self, obj: Any) -> Any:
+        found = super().persistent_id(obj)
+        return (found[0], self._executable) if found and found[0] == "exec" else found
+
+
+class _Pickler(pickle.Pickler):
+    def reducer_override(self, obj: Any) -> Any:
+        # Equinox's mark of a field that is not set is compared by identity.
+        return "MISSING" if type(obj).__name__ == "_Missing" else NotImplemented
+
+
+def _pickled(value: Any) -> bytes:
+    with io.BytesIO() as file:
+        _Pickler(file, protocol=5).dump(value)
+        return file.getvalue()
+
+
+def source_of(lowered: Any) -> str:
+    """A digest of the StableHLO of a program, without the places in source files that it tells."""
+    return hashlib.sha256(lowered.as_text().encode()).hexdigest()
