@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.timing import in_turns, rates
 from rovtwin.core.errors import ConfigError
 from rovtwin.positioning.images.detection import Detector
-from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.cameras import cameras_of

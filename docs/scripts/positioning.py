@@ -26,7 +26,7 @@ from rovtwin.core.log import Log
 from rovtwin.positioning.calibration.port_study import port_cost
 from rovtwin.positioning.images.detection import Detector
 from rovtwin.report.cameras.lens import port_figure
-from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.cameras import cameras_of

@@ -30,7 +30,7 @@ from rovtwin.positioning.estimators.smoother import smooth
 from rovtwin.positioning.images.camera_model import Eyes
 from rovtwin.positioning.images.detection import Detections, Detector
 from rovtwin.positioning.images.observations import Frames, sightings
-from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.camera.sensor import camera_named
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle

@@ -15,7 +15,7 @@ from tests.positioning.tracks import corners_seen, rotations
 
 from rovtwin.core.markers import Layout
 from rovtwin.positioning.images.detection import Detector
-from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.cameras import Camera, cameras_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.camera.outside import outside_view
 from rovtwin.simulation.camera.rays import rays_of
 from rovtwin.simulation.camera.renderer import image_flow

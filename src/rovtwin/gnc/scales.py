@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from rovtwin.core.programs.values import once
 from rovtwin.vehicle.analysis.stability import by_products, steady_speed
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.physics.actuation import axis_limits, size, wrench_limits
@@ -67,6 +68,10 @@ class VehicleScales:
     @classmethod
     def of(cls, model: Model) -> "VehicleScales":
         """Of the vehicle as built: thrusters that are lost on the way change no scale."""
+        return _scales_of(model)
+
+    @classmethod
+    def _of(cls, model: Model) -> "VehicleScales":
         length = size(model)
         lower, upper = axis_limits(model)
         net = np.zeros(6)
@@ -208,3 +213,6 @@ def _bandwidth(acceleration: Float[np.ndarray, "6"], length: float, lag: float) 
     if some[:2].any():
         w[:2] = w[:2][some[:2]].min()
     return w
+
+
+_scales_of = once(VehicleScales._of)  # dozens ask for them while one flight is composed

@@ -26,7 +26,6 @@ from rovtwin.runs.flight import Flight
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.runs.loop import SHORT, Record
 from rovtwin.runs.recording.channels import log_channels
-from rovtwin.runs.recording.filming import Filming
 from rovtwin.runs.recording.provenance import provenance, scenario_to_replay
 from rovtwin.runs.recording.recorder import Recorder
 from rovtwin.runs.run import chunks, realtime_chunks
@@ -138,6 +137,8 @@ def _into_folder(
         recorder = Recorder(scenario, log.write_many)
         takers = [recorder.take]
         if camera:
+            from rovtwin.runs.recording.filming import Filming
+
             takers.append(stack.enter_context(Filming(scenario, simulation.vehicle, folder, film)).take)
         interrupted = _run(simulation, scenario, takers, recorder, how)
         flown = recorder.flown()

@@ -61,7 +61,7 @@ def render(
 
 
 def _through_camera(scene: Any, vehicle: Any, name: str | None, scale: float, kind: Any, *rest: Any) -> Any:
-    from rovtwin.simulation.camera import renderer
+    from rovtwin.simulation.camera.renderer import renderer
     from rovtwin.simulation.camera.sensor import camera_named
 
     position, R_nb, seed = rest

@@ -105,20 +105,20 @@ class Compiled(Described):
         found = kept.load(name, key, arguments) if key else None
         if found and not kept.is_checked():
             return found.call
-        with kept.noting() as read:
-            compiled, source = self._compile(arguments, static)
-        if found and found.source != source():
+        lowered, compiled, in_cache = self._compile(arguments, static)
+        if found and found.source != kept.source_of(lowered):
             raise kept.WrongProgram(f"{kept.path_of(name, key or '')}: found another program than that of its key")
         if key and not found:
-            kept.save(name, key, compiled, read, source())
+            kept.save(name, key, compiled, in_cache, kept.source_of(lowered))
         return compiled
 
-    def _compile(self, arguments: tuple[Any, ...], static: dict[str, Any]) -> tuple[Any, Callable[[], str]]:
-        """The program, and what gives the digest of its source."""
+    def _compile(self, arguments: tuple[Any, ...], static: dict[str, Any]) -> tuple[Any, Any, list[bytes]]:
+        """The program lowered and compiled, and what JAX's cache has of it."""
         for whole in (True, False) if self._whole and jax.default_backend() == "cpu" else (False,):
             lowered = self._jit(whole).trace(*arguments, **static).lower()
             try:
-                return lowered.compile(), lambda lowered=lowered: kept.source_of(lowered)
+                with kept.noting() as in_cache:
+                    return lowered, lowered.compile(), in_cache
             except jax.errors.JaxRuntimeError as error:
                 if not whole or not any(sign in str(error) for sign in _NOT_WHOLE):  # of the function itself
                     raise

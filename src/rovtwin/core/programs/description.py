@@ -14,6 +14,7 @@ import operator
 import pathlib
 import re
 import sys
+import threading
 import types
 import typing
 from collections.abc import Callable
@@ -40,7 +41,7 @@ _SLOTS = (types.MemberDescriptorType, types.GetSetDescriptorType, types.WrapperD
 _BUILTIN = (types.BuiltinFunctionType, types.MethodDescriptorType, types.ClassMethodDescriptorType)
 _BUILTIN += (types.MethodWrapperType, np.ufunc)
 # Classes of others, written in Python, whose objects are what their attributes are.
-_OPEN = {"equinox._module._module.Module", "typing.Generic", "abc.ABC", "enum.Enum", "enum.ReprEnum"}
+_OPEN = {"equinox._module._module.Module", "typing.Generic", "abc.ABC", "collections.abc.Hashable", "enum.Enum", "enum.ReprEnum"}
 _OPEN |= {"pydantic_core._pydantic_core.PydanticUndefinedType", "equinox._module._flatten._Missing"}
 _OPEN |= {f"dataclasses.{name}" for name in ("_MISSING_TYPE", "_HAS_DEFAULT_FACTORY_CLASS", "_DataclassParams")}
 _Place = type(typing.NamedTuple("_Place", [("first", int)]).first)  # of a field in a named tuple
@@ -301,6 +302,7 @@ _HOW: list[tuple[Any, Callable[[Description, Any], None]]] = [
     ((np.ndarray, np.generic, Array), Description._array),
     ((np.dtype, pathlib.PurePath), _by(str)),
     (_TYPING, _by(_without_places)),
+    (type(threading.Lock()), _by(lambda lock: "")),
     (logging.Logger, _by(lambda logger: logger.name)),
     (re.Pattern, _parts("pattern", "flags")),
     (types.MethodType, _parts("__func__", "__self__")),

@@ -15,10 +15,12 @@ import os
 import pickle
 import platform
 import sys
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +35,8 @@ logger = logging.getLogger(__name__)
 
 FORMAT = b"rovtwin program 1\n"
 _DIGEST = 32  # bytes of SHA-256
+_NUMERIC = ("jax", "jaxlib", "numpy", "equinox", "ml_dtypes")
+_ONE = threading.Lock()  # one compilation at a time is looked at
 
 
 class WrongProgram(RuntimeError):
@@ -59,17 +63,22 @@ def key_of(function: Callable[..., Any], arguments: tuple[Any, ...], *details: A
         arguments: Its arguments, of which structure, static fields, shapes and types count, and no values.
         details: Static arguments and all that changes the compilation.
     """
+    leaves, structure = jax.tree.flatten(arguments)
+    return _key(details, structure, tuple(form(leaf) for leaf in leaves), function)
+
+
+def key_of_value(function: Callable[..., Any], arguments: tuple[Any, ...]) -> str | None:
+    """The same of what a function gives for arguments of these values."""
+    return _key(arguments, function)
+
+
+def _key(*ingredients: Any) -> str | None:
     if jax.default_backend() != "cpu" or not jax.config.jax_enable_compilation_cache:
         return None
     description = Description()
     try:
-        for part in (_surroundings(), _settings()):
-            description.put(part)
-        description.put(details)
-        leaves, structure = jax.tree.flatten(arguments)
-        description.put(structure)
-        description.put(tuple(form(leaf) for leaf in leaves))
-        description.put(function)
+        for one in (_surroundings(), _settings(), *ingredients):
+            description.put(one)
         return description.digest()
     except (Undescribed, ImportError, AttributeError) as error:  # of another JAX, what is asked of it may be missing
         logger.debug("not kept: %s", error)
@@ -87,13 +96,17 @@ def form(leaf: Any) -> tuple[Any, ...]:
 def _surroundings() -> tuple[Any, ...]:
     """Versions, flags and the processor: they stay as they are while a process runs."""
     versions = tuple((name, str(sys.modules[name].__version__)) for name in _NUMERIC)
+    versions += (_scipy(),)
     flags = tuple(sorted((k, v) for k, v in os.environ.items() if k.startswith(("XLA_", "JAX_", "PJRT_"))))
     client = jax.devices()[0].client
     where = (client.platform, client.platform_version, tuple(device.device_kind for device in jax.devices()))
     return (FORMAT, sys.version, versions, flags, where, platform.machine(), _processor())
 
 
-_NUMERIC = ("jax", "jaxlib", "numpy", "equinox", "ml_dtypes")
+def _scipy() -> str:
+    """The version of SciPy without importing it, which takes a tenth of a second."""
+    found = find_spec("scipy")
+    return Path(found.origin).with_name("version.py").read_text() if found and found.origin else ""
 
 
 def _processor() -> str:
@@ -120,17 +133,25 @@ def path_of(name: str, key: str) -> Path:
 
 def load(name: str, key: str, arguments: tuple[Any, ...]) -> Program | None:
     """The program of a key, None if there is none that can be used."""
+    return read(name, key, lambda held: _program(held, jax.tree.structure((arguments, {}))))
+
+
+def _program(held: tuple[str, bytes, Any], takes: Any) -> Program:
+    source, executable, gives = held
+    return Program(serialize_executable.deserialize_and_load(executable, takes, gives), source)
+
+
+def read(name: str, key: str, made: Callable[[Any], Any] = lambda held: held) -> Any:
+    """What `made` makes of what is kept under a key, None if there is nothing that can be used."""
     path = path_of(name, key)
     try:
         raw = path.read_bytes()
     except OSError:
         return None
     try:
-        source, executable, outputs = pickle.loads(_checked(raw, key))
-        takes = jax.tree.structure((arguments, {}))
-        return Program(serialize_executable.deserialize_and_load(executable, takes, outputs), source)
-    except Exception as error:  # of another version of JAX, or damaged in a way that the digest does not show
-        logger.warning("%s: cannot be used (%s), compiled anew", path, " ".join(str(error).split())[:200])
+        return made(pickle.loads(_checked(raw, key)))
+    except Exception as error:  # damaged, in a way that the digest does not show too
+        logger.warning("%s: cannot be used (%s), made anew", path, " ".join(str(error).split())[:200])
         return None
 
 
@@ -143,6 +164,19 @@ def _checked(raw: bytes, key: str) -> bytes:
     return zlib.decompress(body)
 
 
+def write(name: str, key: str, held: Any) -> None:
+    """Keep something under a key, whole or not at all, so that of two processes at once each leaves a whole file.
+
+    Raises:
+        OSError, PicklingError and others: It cannot be kept.
+    """
+    raw = _pickled(held)
+    body = zlib.compress(raw, 1)
+    path = path_of(name, key)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, FORMAT + key.encode() + hashlib.sha256(body).digest() + body)
+
+
 @contextmanager
 def noting() -> Iterator[list[bytes]]:
     """Gives a list, empty or with what JAX's cache holds of the program that is compiled meanwhile.
@@ -150,6 +184,7 @@ def noting() -> Iterator[list[bytes]]:
     An executable that was read is not written whole a second time: it lacks functions.
     """
     found: list[bytes] = []
+    _ONE.acquire()
     taken_apart = compilation_cache.extract_executable_and_time
 
     def noted(raw: bytes) -> Any:
@@ -162,9 +197,10 @@ def noting() -> Iterator[list[bytes]]:
         yield found
     finally:
         compilation_cache.extract_executable_and_time = taken_apart
+        _ONE.release()
 
 
-def save(name: str, key: str, compiled: Any, read: list[bytes], source: str) -> None:
+def save(name: str, key: str, compiled: Any, in_cache: list[bytes], source: str) -> None:
     """Keep a compiled program; where that cannot be done it is compiled again next time.
 
     Written whole or not at all, so that of two processes at once each leaves a whole file.
@@ -173,29 +209,26 @@ def save(name: str, key: str, compiled: Any, read: list[bytes], source: str) -> 
         name: Of the function.
         key: See `key_of`.
         compiled: A `jax.stages.Compiled`.
-        read: See `noting`.
+        in_cache: See `noting`.
         source: See `source_of`.
     """
-    path = path_of(name, key)
     try:
-        body = _pickled((source, _parts(compiled, read), compiled.out_tree))
-        if pickle.loads(body)[2] != compiled.out_tree:
+        gives = compiled.out_tree
+        if pickle.loads(_pickled(gives)) != gives:
             raise ValueError("what it gives is not the same read back")
-        body = zlib.compress(body, 1)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, FORMAT + key.encode() + hashlib.sha256(body).digest() + body)
+        write(name, key, (source, _parts(compiled, in_cache), gives))
     except Exception as error:  # a full disk, or a program that JAX cannot write
         logger.debug("%s: not kept: %s", name, error)
 
 
-def _parts(compiled: Any, read: list[bytes]) -> bytes:
+def _parts(compiled: Any, in_cache: list[bytes]) -> bytes:
     """What `serialize_executable.serialize` gives, with the executable as it was read where it was."""
-    if not read:
+    if not in_cache:
         return serialize_executable.serialize(compiled)[0]
-    if compiled._params.const_args or len(read) > 1:
+    if compiled._params.const_args or len(in_cache) > 1:
         raise ValueError("found constants that were handed over, or two programs in one")
     with io.BytesIO() as file:
-        _FromCache(file, read[0]).dump(
+        _FromCache(file, in_cache[0]).dump(
             (compiled._executable._unloaded_executable, jax.tree.leaves(compiled.args_info), compiled._no_kwargs)
         )
         return file.getvalue()

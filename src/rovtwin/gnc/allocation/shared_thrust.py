@@ -12,9 +12,9 @@ allocation, which knows them all, has the last word.
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool
-from scipy.optimize import linprog
 
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Vector6
 from rovtwin.gnc.scales import HEAVE
 from rovtwin.vehicle.physics.actuation import axis_limits, pushed_axes
@@ -69,8 +69,11 @@ class SharedThrust(eqx.Module):
         return tau.at[3:5].multiply(jnp.where(self.shared, kept, 1.0))
 
 
+@once_and_for_all
 def _moment(model: Model, axis: int, sign: float, heave: float | None = None) -> float:
     """Largest moment that way that thrusters make without surge and sway, and beside a heave force if one is given."""
+    from scipy.optimize import linprog  # SciPy takes long to import: see `once_and_for_all`
+
     T = np.asarray(model.thrusters.configuration)
     bounds = np.stack([np.asarray(limit) for limit in force_limits(model.thrusters)], axis=1)
     rows, forces = (T[:2], np.zeros(2)) if heave is None else (T[:3], np.array([0.0, 0.0, 0.999 * heave]))

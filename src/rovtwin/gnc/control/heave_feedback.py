@@ -17,9 +17,9 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import solve_continuous_are
 
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Scalar, Vector2, Vector6
 from rovtwin.gnc.scales import ANY, HEAVE, VehicleScales
 from rovtwin.vehicle.analysis.stability import hang, linearised_at, tilt_of_thrust
@@ -112,10 +112,13 @@ def _weights(scales: VehicleScales, bandwidth: float, damping_ratio: float) -> _
     return _Weights(scales.length**-2.0, speed, STEEP**-2.0, force**-2.0, DECAY * bandwidth)
 
 
+@once_and_for_all
 def _gains(
     model: Model, weights: _Weights, motion: Float[np.ndarray, "m m"], speed: float, tilted: Bool[np.ndarray, "2"]
 ) -> Float[np.ndarray, "6"]:
     """Of depth, heave, rates and angles of roll and pitch; `motion` is A of `linearised` at the speed."""
+    from scipy.linalg import solve_continuous_are  # SciPy takes long to import: see `once_and_for_all`
+
     axes = np.flatnonzero(tilted)
     states = np.concatenate([[HEAVE], 3 + axes, 6 + axes])  # in `linearised`
     n, rates, angles = len(states), slice(1, 1 + len(axes)), slice(1 + len(axes), 1 + 2 * len(axes))

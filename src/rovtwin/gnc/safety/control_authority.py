@@ -5,10 +5,10 @@ from itertools import combinations
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import null_space
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.core.programs.compiled import jit_once
+from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Index, PerThruster, Vector6
 from rovtwin.gnc.allocation.attainable_wrench import RemainingWrench, remaining
 from rovtwin.gnc.control.heave_feedback import TILTS
@@ -44,6 +44,10 @@ class ControlAuthority(eqx.Module):
     @classmethod
     def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "ControlAuthority":
         """Every thruster, every two of them, and every unit that fails as one (numbers of its thrusters)."""
+        return _authority_of(model, units)
+
+    @classmethod
+    def _of(cls, model: Model, units: tuple[tuple[int, ...], ...]) -> "ControlAuthority":
         n = model.thrusters.count
         groups = [group for size in range(AT_ONCE + 1) for group in combinations(range(n), size)]
         rows = sorted({*groups, *(tuple(sorted(unit)) for unit in units)}, key=lambda row: (len(row), row))
@@ -90,6 +94,8 @@ def _apart(thrusters: Thrusters, lost: Float[np.ndarray, "k n"]) -> Bool[np.ndar
     True, too, of a vehicle that never could. Forces that make no surge, sway, heave and yaw are a subspace; the smaller
     singular value of their moments is what is left of the two apart, and LEAST of a sound vehicle's is enough.
     """
+    from scipy.linalg import null_space
+
     largest = np.max(np.abs(np.stack([np.asarray(limit) for limit in force_limits(thrusters)])), axis=0)
     T = np.asarray(thrusters.configuration) * largest
     span = np.linalg.norm(T[list(ANGLES)], axis=1)
@@ -113,3 +119,4 @@ def _pitches(model: Model, lost: Float[np.ndarray, " n"], heave: float) -> bool:
 
 
 _remaining = jit_once(jax.vmap(remaining, in_axes=(None, 0)))
+_authority_of = once_and_for_all(ControlAuthority._of)

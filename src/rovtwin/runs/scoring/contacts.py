@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.runs.scoring.scores import Flown
@@ -50,6 +49,8 @@ def _beyond_walls(
     """Name of each plane, and how far the hull's outermost corner is beyond it [m]."""
     if world.walls is None:
         return
+    from scipy.spatial.transform import Rotation
+
     turned = Rotation.from_euler("ZYX", pose[:, 5:2:-1]).as_matrix()
     corners = np.asarray(model.hull.corners)
     normals, offsets = np.asarray(world.walls.normals), np.asarray(world.walls.offsets)
@@ -71,6 +72,8 @@ def _name(normal: Float[np.ndarray, "*axes 3"]) -> str:
 
 def _above(pose: Float[np.ndarray, "m 6"], model: Model, surface: float) -> Float[np.ndarray, " m"]:
     """How far the uppermost element of buoyancy is out of the water [m]."""
+    from scipy.spatial.transform import Rotation
+
     down = Rotation.from_euler("ZYX", pose[:, 5:2:-1]).as_matrix()[:, 2]
     elements = np.asarray(model.center_of_buoyancy) + np.asarray(model.hull.offsets)
     return surface - (pose[:, 2] + (down @ elements.T - np.asarray(model.hull.reach)).min(axis=1))

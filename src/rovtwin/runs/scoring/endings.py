@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
-from scipy.spatial.transform import Rotation
 
 from rovtwin.core.arrays.rotations import quaternion_from_euler, tilt_of
 from rovtwin.core.flow import REASONS
@@ -169,5 +168,7 @@ def _through(flown: Flown, rows: Shaped[np.ndarray, " rows"]) -> Float[np.ndarra
     velocity = flown.nu[rows, :3]
     if flown.water is None:
         return velocity
+    from scipy.spatial.transform import Rotation
+
     attitude = Rotation.from_euler("ZYX", flown.eta[rows, 5:2:-1])
     return velocity - attitude.inv().apply(flown.water[rows])

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
-from scipy.special import gammaincinv
 
 from rovtwin.core.arrays.correlation import effective_samples
 from rovtwin.core.arrays.rotations import heading_of, quaternion_from_euler, wrapped
@@ -229,6 +228,8 @@ def nees_interval(scores: list[dict[str, Any]], level: float = 0.95, dof: int = 
     Chi-square with dof * N_eff degrees, N_eff the effective samples of all runs together (correlation in time widens
     it against independent samples). Bar-Shalom, Li and Kirubarajan (2001), sec. 5.4.2.
     """
+    from scipy.special import gammaincinv
+
     samples = max(sum(s["nees_effective_samples"] or 1.0 for s in scores), 1.0)
     low, high = (
         2.0 * gammaincinv(dof * samples / 2.0, [(1 - level) / 2, (1 + level) / 2]) / samples

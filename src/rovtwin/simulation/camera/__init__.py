@@ -3,7 +3,3 @@
 scene, camera = load_scene("mclab"), cameras_of(load_vehicle("double_blueye"))[0]
 picture = renderer(scene, camera).image([0.0, 0.0, 0.7], np.eye(3))
 """
-
-from rovtwin.simulation.camera.renderer import Renderer, renderer
-
-__all__ = ["Renderer", "renderer"]

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.optimize import linprog
 
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Vector6
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.physics.model import Model
@@ -124,11 +124,14 @@ def axis_limits(model: Model) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray,
     return lower, upper
 
 
+@once_and_for_all
 def turning_limits(thrusters: Thrusters) -> tuple[float, float]:
     """Lowest and highest moment in yaw that thrusters make without any force [N m]; 0 where each brings one along.
 
     Two surge thrusters that give 25 N ahead and 18 N astern turn harder than that only while they push ahead.
     """
+    from scipy.optimize import linprog  # SciPy takes long to import: see `once_and_for_all`
+
     T = np.asarray(thrusters.configuration)
     if T.shape[1] == 0:
         return 0.0, 0.0
@@ -143,6 +146,8 @@ def pure_force_limits(thrusters: Thrusters, axis: int) -> tuple[float, float]:
     Roll and pitch are left to the restoring moment. Of three thrusters in a Y it is three quarters of all that they
     push along one of them.
     """
+    from scipy.optimize import linprog
+
     T, (low, high) = np.asarray(thrusters.configuration), (np.asarray(limit) for limit in force_limits(thrusters))
     others = [i for i in (0, 1, 2, YAW) if i != axis and np.any(np.abs(T[i]) > RANK_TOLERANCE)]
     found = []

@@ -14,9 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
-from PIL import Image, ImageDraw
-from scipy.optimize import nnls
-from scipy.spatial import ConvexHull
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.solids.closed_mesh import LARGEST, SMALLEST, read_closed, unit_hint
@@ -116,6 +113,8 @@ def solid_of(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], notes: tuple[str, ...] = ()
 ) -> MeshSolid:
     """The solid that a closed surface encloses: vertices [m], faces with outward normals."""
+    from scipy.spatial import ConvexHull
+
     volume, centroid, second = _moments(vertices[faces])
     hull = ConvexHull(vertices)
     rotation = _axes(vertices[hull.vertices], second)
@@ -193,6 +192,8 @@ def _axes(points: Float[np.ndarray, "n 3"], second: Float[np.ndarray, "3 3"]) ->
 def _shadow(triangles: Float[np.ndarray, "m 3 3"], size: Float[np.ndarray, "3"], axis: int) -> np.ndarray:
     """Pixels that are covered, seen along an axis: rows along the axis after the next, columns along the next."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
+    from PIL import Image, ImageDraw
+
     image = Image.new("L", (_PIXELS, _PIXELS))
     draw = ImageDraw.Draw(image)
     pixels = (triangles[:, :, [j, k]] / size[[j, k]] + 0.5) * (_PIXELS - 1)
@@ -247,5 +248,7 @@ def _trapped(
 def _weights(fill: float, faces: Float[np.ndarray, "3"]) -> Float[np.ndarray, "5"]:
     """Shares of the simple solids that fill the box and its faces alike; they sum to 1."""
     target = np.array([max(fill, np.pi / 6), *np.clip(faces, np.pi / 4, 1.0)])
+    from scipy.optimize import nnls
+
     weights = nnls(np.vstack([_FILL, np.full(5, 10.0)]), np.append(target, 10.0))[0]
     return weights / weights.sum()

@@ -5,8 +5,6 @@ Cavities (a pressure hull's inner wall) are no wetted surface; shells may run in
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 _CHUNK = 2_000_000  # pairs of points and triangles at a time
 
@@ -15,6 +13,10 @@ def shell_of(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
     """Which shell each triangle is of, by shared vertices."""
     count = int(faces.max()) + 1
     links = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    from scipy.sparse import coo_array
+
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
     return np.unique(connected_components(graph, directed=False)[1][faces[:, 0]], return_inverse=True)[1]
 
