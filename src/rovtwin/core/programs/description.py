@@ -6,6 +6,7 @@ was edited after it was imported, cannot hide. What has no description here make
 """
 
 import dataclasses
+import enum
 import functools
 import hashlib
 import logging
@@ -33,6 +34,7 @@ TRUSTED = {OURS, "builtins", *sys.stdlib_module_names, *LIBRARIES} - {"__main__"
 # Of a class or module: where it came from and what it says of itself, which no computation reads.
 _ASIDE = {"__annotations__", "__builtins__", "__cached__", "__dict__", "__doc__", "__file__", "__loader__", "__path__"}
 _ASIDE |= {"__spec__", "__static_attributes__", "__firstlineno__", "__weakref__", "_abc_impl", "__annotations_cache__", "__slotnames__"}
+_ASIDE |= {"__dataclass_params__", "__match_args__", "__orig_bases__", "__parameters__"}
 _ASIDE |= {"__annotate__", "__annotate_func__", "__conditional_annotations__"}
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...), type(NotImplemented), range, slice)
 _TYPING = (typing.TypeVar, typing.ParamSpec, types.GenericAlias, types.UnionType, typing.ForwardRef)
@@ -90,7 +92,7 @@ class Description:
         Raises:
             Undescribed: It, or something that it refers to, has no description.
         """
-        if isinstance(value, _PLAIN):
+        if type(value) in _PLAIN:
             self._say(type(value).__name__, repr(value))
         elif isinstance(value, types.CodeType):
             self._code(value)
@@ -120,10 +122,10 @@ class Description:
         return False
 
     def _compound(self, value: Any) -> None:
-        for kinds, describe in _HOW:
-            if isinstance(value, kinds):
-                describe(self, value)
-                return
+        describe = _how(type(value))
+        if describe is not None:
+            describe(self, value)
+            return
         origin = type(value).__module__
         if origin in ("typing", "jaxtyping", "typing_extensions", "types"):  # an annotation
             self._say("annotation", _without_places(value))
@@ -200,10 +202,19 @@ class Description:
 
     def _items(self, value: Any) -> None:
         self.put(type(value))
+        if type(value) is tuple and all(type(item) in _PLAIN for item in value):
+            self._say(repr(value))
+            return
         self._say(str(len(value)))
-        for item in value.items() if isinstance(value, (dict, types.MappingProxyType)) else value:
-            for part in item if isinstance(value, (dict, types.MappingProxyType)) else (item,):
-                self.put(part)
+        for item in value:
+            self.put(item)
+
+    def _pairs(self, value: Any) -> None:
+        self.put(type(value))
+        self._say(str(len(value)))
+        for name, item in value.items():
+            self.put(name)
+            self.put(item)
 
     def _set(self, value: Any) -> None:
         self._say("set", type(value).__name__)
@@ -294,6 +305,7 @@ def _told(description: Description, value: Described) -> None:
 
 _HOW: list[tuple[Any, Callable[[Description, Any], None]]] = [
     (Described, _told),
+    (enum.Enum, _parts("__class__", "name")),
     (types.FunctionType, Description._function),
     (_Jitted, _parts("__wrapped__")),
     (jax.tree_util.PyTreeDef, _structure),
@@ -315,7 +327,13 @@ _HOW: list[tuple[Any, Callable[[Description, Any], None]]] = [
     (functools._lru_cache_wrapper, _parts("__wrapped__")),
     (operator.itemgetter, _by(lambda getter: repr(getter.__reduce__()[1]))),
     (_Place, _by(lambda place: str(place.__reduce__()[1][0]))),
-    (dataclasses.Field, _parts("name", "default", "default_factory", "init", "metadata")),
-    ((tuple, list, dict, types.MappingProxyType), Description._items),
+    (dataclasses.Field, _parts("name", "metadata")),  # its default is in the class, or in `__init__`
+    ((tuple, list), Description._items),
+    ((dict, types.MappingProxyType), Description._pairs),
     ((set, frozenset), Description._set),
 ]
+
+
+@functools.cache
+def _how(kind: type) -> Callable[[Description, Any], None] | None:
+    return next((describe for kinds, describe in _HOW if issubclass(kind, kinds)), None)

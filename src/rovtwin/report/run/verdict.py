@@ -9,7 +9,6 @@ from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.core.user_files.quantity import is_number
 from rovtwin.report.flight import Flight
 from rovtwin.report.parts.verdict import Score, Verdict
-from rovtwin.report.run import supply
 
 # key: name, unit, factor from SI, digits, what it means
 _SCORES: dict[str, tuple[str, str, float, int, str]] = {
@@ -200,6 +199,8 @@ def _about_thrusters(summary: Mapping[str, Any]) -> str:
 
 def _about_supply(flight: Flight) -> list[str]:
     """Batteries that ran empty, and the largest pull of a tether."""
+    from rovtwin.report.run import supply  # with matplotlib, which the table after a flight does without
+
     empty = [f"Battery {name} empty at {t:.0f} s." for name, t in flight.emptied.items()]
     return empty + ([supply.about_tethers(flight)] if flight.tethers else [])
 

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.core.numerics import jax
+from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.vehicle.analysis.stability import steady_speed
 from rovtwin.vehicle.physics.model import Model
 from rovtwin.vehicle.physics.thrusters import static_force
@@ -61,6 +62,7 @@ class AxisPerformance:
     coasting_time: float
 
 
+@once_and_for_all
 def performance(model: Model) -> dict[str, dict[str, AxisPerformance]]:
     """By axis and direction, as `DIRECTIONS` names them."""
     net = float(model.weight) - float(model.buoyancy)

@@ -22,6 +22,7 @@ from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.core.programs.compiled import jit_once
+from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Scalar
 from rovtwin.vehicle.analysis.hydrostatics import floating
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits, wrench_of_forces
@@ -165,6 +166,7 @@ class Stability:
     yaw_free: float
 
 
+@once_and_for_all
 def stability(model: Model, astern: bool = False) -> Stability:
     """Stability of straight level flight, thrust held; `astern`: of flight backwards."""
     sense = -1.0 if astern else 1.0

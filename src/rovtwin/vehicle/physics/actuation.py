@@ -140,6 +140,7 @@ def turning_limits(thrusters: Thrusters) -> tuple[float, float]:
     return float(ends[0].fun), -float(ends[1].fun)
 
 
+@once_and_for_all
 def pure_force_limits(thrusters: Thrusters, axis: int) -> tuple[float, float]:
     """Lowest and highest force in surge or sway that neither turns the vehicle nor pushes it along another axis [N].
 
