@@ -11,13 +11,12 @@ from rovtwin.core.numerics import (
     _add_flag,
     as_array,
     cache_folder,
-    in_one_piece,
     jax,
-    jit_once,
     jnp,
     module_for,
     unoptimised,
 )
+from rovtwin.core.programs.compiled import in_one_piece, jit_once
 
 
 def test_double_precision():

@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log
 from rovtwin.core.notebook import html_table
-from rovtwin.core.numerics import in_one_piece
+from rovtwin.core.programs.compiled import in_one_piece
 from rovtwin.runs import loop as loops
 from rovtwin.runs.batch import score_batch, score_seeds
 from rovtwin.runs.compose.composition import compose
@@ -113,7 +113,7 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
 @pytest.mark.system
 def test_a_long_run_goes_on_with_the_optimised_program_where_it_was(short, monkeypatch):
     """The only test of the optimised program: the others turn that off for all (tests/conftest.py)."""
-    static = {"static_argnames": ("layouts", "ticks", "control_dt"), "donate_argnames": "memory"}
+    static = {"static_argnames": ("ticks", "control_dt"), "donate_argnames": "memory"}
     as_users_have_it: dict[str, bool | int] = {"xla_backend_optimization_level": 3}
     as_users_have_it["xla_llvm_disable_expensive_passes"] = False
     if "xla_cpu_use_fusion_emitters" in os.environ["XLA_FLAGS"]:

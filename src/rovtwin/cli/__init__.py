@@ -1,5 +1,6 @@
 """The command line: `rovtwin --help`. Numerics are imported inside the commands, so that help answers at once."""
 
+import gc
 import re
 import sys
 from typing import Any
@@ -132,6 +133,7 @@ def readable(command: Any) -> Any:
 
 def main() -> None:
     """Entry point: what the user can mend is one message and exit code 2, never a traceback."""
+    gc.set_threshold(50_000)  # importing and composing make many objects that stay: looking for waste is a tenth of it
     try:
         readable(typer.main.get_command(app))()
     except RovtwinError as error:

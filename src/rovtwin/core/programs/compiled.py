@@ -77,6 +77,18 @@ def _marked(function: Callable[..., Any]) -> Callable[..., Any]:
     return whole
 
 
+def _forget_places(lowered: Any) -> None:
+    """Take the names and lines of source files out of a program: a tenth of what it takes to read it again."""
+    try:
+        from jaxlib.mlir.passmanager import PassManager
+
+        module = lowered.compiler_ir("stablehlo")
+        with module.context:
+            PassManager.parse("builtin.module(strip-debuginfo)").run(module.operation)
+    except (ImportError, AttributeError, ValueError) as error:  # another JAX
+        logger.debug("with names of source files: %s", error)
+
+
 class Compiled(Described):
     """A function with a compiled program for each form of its arguments."""
 
@@ -98,10 +110,14 @@ class Compiled(Described):
             program = self._programs[form] = self._program(arguments, static)
         return program(*arguments)
 
+    @property
+    def _how(self) -> dict[str, Any]:
+        return self._options | ({"compiler_options": unoptimised()} if self._quickly else {})
+
     def _program(self, arguments: tuple[Any, ...], static: dict[str, Any]) -> Callable[..., Any]:
         """For arguments of this form: the one kept, or compiled now and kept."""
         name = getattr(self._function, "__name__", "program").strip("_<>")
-        key = kept.key_of(self, arguments, static)
+        key = kept.key_of(self, arguments, static, self._how)
         found = kept.load(name, key, arguments) if key else None
         if found and not kept.is_checked():
             return found.call
@@ -116,6 +132,7 @@ class Compiled(Described):
         """The program lowered and compiled, and what JAX's cache has of it."""
         for whole in (True, False) if self._whole and jax.default_backend() == "cpu" else (False,):
             lowered = self._jit(whole).trace(*arguments, **static).lower()
+            _forget_places(lowered)
             try:
                 with kept.noting() as in_cache:
                     return lowered, lowered.compile(), in_cache
@@ -127,7 +144,6 @@ class Compiled(Described):
 
     def _jit(self, whole: bool) -> Any:
         if whole not in self._jitted:  # not before the first call, as the backend starts with it
-            options = {"compiler_options": unoptimised()} if self._quickly else {}
             function = _marked(self._function) if whole else self._function
-            self._jitted[whole] = jax.jit(function, **options, **self._options)
+            self._jitted[whole] = jax.jit(function, **self._how)
         return self._jitted[whole]

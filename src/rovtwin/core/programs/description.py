@@ -127,7 +127,7 @@ class Description:
             describe(self, value)
             return
         origin = type(value).__module__
-        if origin in ("typing", "jaxtyping", "typing_extensions", "types"):  # an annotation
+        if origin in ("typing", "jaxtyping", "typing_extensions"):  # an annotation
             self._say("annotation", _without_places(value))
         elif type(value).__name__ == "cython_function_or_method" or origin == "pydantic.fields":
             self._of_library(value)
@@ -235,8 +235,8 @@ class Description:
     def _object(self, value: Any) -> None:
         """An object of a class written in Python: the class, and all attributes."""
         kind = type(value)
-        if not all(map(_is_open, kind.__mro__[:-1])):
-            raise Undescribed(f"an object of {kind.__module__}.{kind.__qualname__}: {kind.__mro__}")
+        if not all(map(_is_open, kind.__mro__[:-1])):  # an object() holds nothing
+            raise Undescribed(f"an object of {kind.__module__}.{kind.__qualname__}")
         self.put(kind)
         slots = [slot for base in kind.__mro__ for slot in _slots_of(base) if hasattr(value, slot)]
         self._named(getattr(value, "__dict__", {}) | {slot: getattr(value, slot) for slot in slots}, kind.__qualname__)

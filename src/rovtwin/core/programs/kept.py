@@ -34,6 +34,8 @@ from rovtwin.core.user_files.files import write_bytes
 logger = logging.getLogger(__name__)
 
 FORMAT = b"rovtwin program 1\n"
+# Settings of JAX's that say where it writes and what it shows, and not what is computed.
+_ASIDE = ("cache", "log", "dump", "traceback", "profil", "explain")
 _DIGEST = 32  # bytes of SHA-256
 _NUMERIC = ("jax", "jaxlib", "numpy", "equinox", "ml_dtypes")
 _ONE = threading.Lock()  # one compilation at a time is looked at
@@ -120,11 +122,12 @@ def _processor() -> str:
 
 def _settings() -> tuple[Any, ...]:
     """JAX's settings as they are now, those of contexts too."""
+    values = {name: value for name, value in jax.config.values.items() if not any(word in name for word in _ASIDE)}
     context = config.trace_context()
     axes = [item for item in context if type(item).__name__ == "AxisEnv"]
     if any(axis.axis_sizes or axis.spmd_axis_names for axis in axes):
         raise Undescribed("a mapped axis")
-    return tuple(item for item in context if item not in axes)
+    return values, tuple(item for item in context if item not in axes)
 
 
 def path_of(name: str, key: str) -> Path:
@@ -179,25 +182,37 @@ def write(name: str, key: str, held: Any) -> None:
 
 @contextmanager
 def noting() -> Iterator[list[bytes]]:
-    """Gives a list, empty or with what JAX's cache holds of the program that is compiled meanwhile.
+    """Gives a list of the executables that this thread meanwhile writes to JAX's cache or reads from it.
 
-    An executable that was read is not written whole a second time: it lacks functions.
+    From there and not from XLA: what it has read itself it does not write whole a second time, functions are lacking.
+    The list is empty for a program that is in JAX's memory already.
     """
     found: list[bytes] = []
-    _ONE.acquire()
-    taken_apart = compilation_cache.extract_executable_and_time
+    thread = threading.get_ident()
 
-    def noted(raw: bytes) -> Any:
-        executable, seconds = taken_apart(raw)
-        found.append(executable)
-        return executable, seconds
+    def noted(executable: bytes) -> None:
+        if threading.get_ident() == thread:
+            found.append(executable)
 
-    compilation_cache.extract_executable_and_time = noted
-    try:
-        yield found
-    finally:
-        compilation_cache.extract_executable_and_time = taken_apart
-        _ONE.release()
+    with _ONE:
+        read, written = compilation_cache.extract_executable_and_time, compilation_cache.combine_executable_and_time
+
+        def reading(entry: bytes) -> Any:
+            executable, seconds = read(entry)
+            noted(executable)
+            return executable, seconds
+
+        def writing(executable: bytes, seconds: int) -> bytes:
+            noted(executable)
+            return written(executable, seconds)
+
+        compilation_cache.extract_executable_and_time = reading
+        compilation_cache.combine_executable_and_time = writing
+        try:
+            yield found
+        finally:
+            compilation_cache.extract_executable_and_time = read
+            compilation_cache.combine_executable_and_time = written
 
 
 def save(name: str, key: str, compiled: Any, in_cache: list[bytes], source: str) -> None:
@@ -222,26 +237,25 @@ def save(name: str, key: str, compiled: Any, in_cache: list[bytes], source: str)
 
 
 def _parts(compiled: Any, in_cache: list[bytes]) -> bytes:
-    """What `serialize_executable.serialize` gives, with the executable as it was read where it was."""
-    if not in_cache:
-        return serialize_executable.serialize(compiled)[0]
-    if compiled._params.const_args or len(in_cache) > 1:
-        raise ValueError("found constants that were handed over, or two programs in one")
+    """What `serialize_executable.serialize` gives, with the executable as JAX's cache has it."""
+    if compiled._params.const_args or len(in_cache) != 1:
+        raise ValueError("found constants that were handed over, or not just one program")
     with io.BytesIO() as file:
-        _FromCache(file, in_cache[0]).dump(
+        _WithExecutable(file, in_cache[0]).dump(
             (compiled._executable._unloaded_executable, jax.tree.leaves(compiled.args_info), compiled._no_kwargs)
         )
         return file.getvalue()
 
 
-class _FromCache(serialize_executable._JaxPjrtPickler):
+class _WithExecutable(serialize_executable._JaxPjrtPickler):
     def __init__(self, file: io.BytesIO, executable: bytes):
         super().__init__(file)
         self._executable = executable
 
     def persistent_id(self, obj: Any) -> Any:
-        found = super().persistent_id(obj)
-        return (found[0], self._executable) if found and found[0] == "exec" else found
+        if isinstance(obj, (serialize_executable.xc.LoadedExecutable, serialize_executable._jax.Executable)):
+            return "exec", self._executable
+        return super().persistent_id(obj)
 
 
 class _Pickler(pickle.Pickler):
@@ -257,5 +271,7 @@ def _pickled(value: Any) -> bytes:
 
 
 def source_of(lowered: Any) -> str:
-    """A digest of the StableHLO of a program, without the places in source files that it tells."""
-    return hashlib.sha256(lowered.as_text().encode()).hexdigest()
+    """A digest of the StableHLO of a program."""
+    with io.BytesIO() as file:
+        lowered.compiler_ir("stablehlo").operation.write_bytecode(file)
+        return hashlib.sha256(file.getvalue()).hexdigest()
