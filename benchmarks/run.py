@@ -137,6 +137,9 @@ def _compile(found: dict[str, Any]) -> list[tuple[str, str]]:
         stages = found[kind]
         detail = ", ".join(f"{k.removesuffix('_s').replace('_', ' ')} {v:.1f}" for k, v in stages.items())
         table.append((f"first simulated second, {what}", f"{stages['whole_s']:.1f} s ({detail})"))
+    for name, seconds in found["fly_processor_s"].items():
+        figures = f"{seconds['cold']:.1f} s; {seconds['cached']:.1f} s"
+        table.append((f"processor time of a flight of 1 s ({name}), nothing compiled yet; the next process", figures))
     return table
 
 

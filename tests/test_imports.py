@@ -57,6 +57,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"errors", "sensors"},
         {"datum", "extras", "notebook", "plugins", "processes", "trust", "user_files", "vision"},
         {"log", "markers", "numerics", "types"},
+        {"programs"},
         {"arrays", "block", "flow", "frames"},
         {"link", "stored"},
         {"contract"},

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.camera.outside import outside_view
+from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.camera.sensor import camera_named
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.simulation.camera.renderer import renderer
 from rovtwin.simulation.camera.outside import outside_view
 from rovtwin.simulation.camera.rays import rays_of
-from rovtwin.simulation.camera.renderer import image_flow
+from rovtwin.simulation.camera.renderer import image_flow, renderer
 from rovtwin.simulation.camera.water import PURE, Optics
 from rovtwin.simulation.scene import load_scene, scene_from_dict
 from rovtwin.simulation.scene.schema import Water

@@ -41,6 +41,7 @@ from rovtwin.core.processes.quiet import Quiet  # noqa: E402
 
 Array = jax.Array
 
+
 def cache_folder() -> Path:
     """Where compiled programs are kept: `$ROVTWIN_CACHE`, else the user's cache folder."""
     given = os.environ.get("ROVTWIN_CACHE")

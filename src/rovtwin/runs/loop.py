@@ -167,9 +167,7 @@ def _advance_flat(
 
 _start = jit_once(_begin, static_argnames="control_dt")
 _advance = {
-    quickly: in_one_piece(
-        _advance_flat, quickly, static_argnames=("ticks", "control_dt"), donate_argnames="memory"
-    )
+    quickly: in_one_piece(_advance_flat, quickly, static_argnames=("ticks", "control_dt"), donate_argnames="memory")
     for quickly in (True, False)
 }
 # A program that is not optimised flies 4,500 ticks a second in place of 20,000, and is there 25 s of processor time

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.numerics import Array, Tracer, jax
+from rovtwin.core.numerics import Array, Tracer, jax, jnp
 
 OURS = "rovtwin"
 # Of these a name and the version stand for the code; all others' code could change without either.
@@ -33,7 +33,15 @@ TRUSTED = {OURS, "builtins", *sys.stdlib_module_names, *LIBRARIES} - {"__main__"
 
 # Of a class or module: where it came from and what it says of itself, which no computation reads.
 _ASIDE = {"__annotations__", "__builtins__", "__cached__", "__dict__", "__doc__", "__file__", "__loader__", "__path__"}
-_ASIDE |= {"__spec__", "__static_attributes__", "__firstlineno__", "__weakref__", "_abc_impl", "__annotations_cache__", "__slotnames__"}
+_ASIDE |= {
+    "__spec__",
+    "__static_attributes__",
+    "__firstlineno__",
+    "__weakref__",
+    "_abc_impl",
+    "__annotations_cache__",
+    "__slotnames__",
+}
 _ASIDE |= {"__dataclass_params__", "__match_args__", "__orig_bases__", "__parameters__"}
 _ASIDE |= {"__annotate__", "__annotate_func__", "__conditional_annotations__"}
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...), type(NotImplemented), range, slice)
@@ -43,10 +51,17 @@ _SLOTS = (types.MemberDescriptorType, types.GetSetDescriptorType, types.WrapperD
 _BUILTIN = (types.BuiltinFunctionType, types.MethodDescriptorType, types.ClassMethodDescriptorType)
 _BUILTIN += (types.MethodWrapperType, np.ufunc)
 # Classes of others, written in Python, whose objects are what their attributes are.
-_OPEN = {"equinox._module._module.Module", "typing.Generic", "abc.ABC", "collections.abc.Hashable", "enum.Enum", "enum.ReprEnum"}
+_OPEN = {
+    "equinox._module._module.Module",
+    "typing.Generic",
+    "abc.ABC",
+    "collections.abc.Hashable",
+    "enum.Enum",
+    "enum.ReprEnum",
+}
 _OPEN |= {"pydantic_core._pydantic_core.PydanticUndefinedType", "equinox._module._flatten._Missing"}
 _OPEN |= {f"dataclasses.{name}" for name in ("_MISSING_TYPE", "_HAS_DEFAULT_FACTORY_CLASS", "_DataclassParams")}
-_Place = type(typing.NamedTuple("_Place", [("first", int)]).first)  # of a field in a named tuple
+_Place = type(vars(typing.NamedTuple("_Place", [("first", int)]))["first"])  # of a field in a named tuple
 _Jitted = type(jax.jit(lambda: None))
 
 
@@ -102,7 +117,7 @@ class Description:
         elif id(value) in self._inside:
             self._say("within itself")
         else:
-            # In full each time: whether two equal values are one object differs between what was made and what was read.
+            # In full each time: whether equal values are one object differs between what was made and what was read.
             self._inside.add(id(value))
             self._compound(value)
             self._inside.remove(id(value))
@@ -224,7 +239,7 @@ class Description:
             self._say(item)
 
     def _array(self, value: Any) -> None:
-        if isinstance(value, Tracer) or jax.dtypes.issubdtype(value.dtype, jax.dtypes.extended):
+        if isinstance(value, Tracer) or (isinstance(value, Array) and jnp.issubdtype(value.dtype, jax.dtypes.extended)):
             raise Undescribed(f"an array of {type(value).__name__}")
         held = np.asarray(value)
         if held.dtype.hasobject:
@@ -267,7 +282,7 @@ def _is_computed(kind: type, name: str) -> bool:
 
 
 def _is_open(kind: type) -> bool:
-    """Whether all that an object of a class holds is in attributes; those of classes written in C may hide something."""
+    """Whether all that an object of a class holds is in attributes; classes written in C may hide something."""
     return kind.__module__.partition(".")[0] == OURS or f"{kind.__module__}.{kind.__qualname__}" in _OPEN
 
 

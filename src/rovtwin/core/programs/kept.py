@@ -75,7 +75,7 @@ def key_of_value(function: Callable[..., Any], arguments: tuple[Any, ...]) -> st
 
 
 def _key(*ingredients: Any) -> str | None:
-    if jax.default_backend() != "cpu" or not jax.config.jax_enable_compilation_cache:
+    if jax.default_backend() != "cpu" or not config.enable_compilation_cache.value:
         return None
     description = Description()
     try:
@@ -131,6 +131,7 @@ def _settings() -> tuple[Any, ...]:
 
 
 def path_of(name: str, key: str) -> Path:
+    """The file of what is kept under a key."""
     return cache_folder() / "programs" / f"{name}-{key}"
 
 
@@ -247,13 +248,16 @@ def _parts(compiled: Any, in_cache: list[bytes]) -> bytes:
         return file.getvalue()
 
 
-class _WithExecutable(serialize_executable._JaxPjrtPickler):
+_pickling: Any = serialize_executable  # what it has for executables has no public name
+
+
+class _WithExecutable(_pickling._JaxPjrtPickler):
     def __init__(self, file: io.BytesIO, executable: bytes):
         super().__init__(file)
         self._executable = executable
 
     def persistent_id(self, obj: Any) -> Any:
-        if isinstance(obj, (serialize_executable.xc.LoadedExecutable, serialize_executable._jax.Executable)):
+        if isinstance(obj, (_pickling.xc.LoadedExecutable, _pickling._jax.Executable)):
             return "exec", self._executable
         return super().persistent_id(obj)
 

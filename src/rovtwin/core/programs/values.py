@@ -39,16 +39,16 @@ class Once(Described, Generic[P, T]):
         if which not in self._known:
             if len(self._known) >= MOST:
                 self._known.popitem(last=False)
-            found = self._kept(arguments) if self._between else self._function(*arguments)
+            found = (self._kept if self._between else self._function)(*arguments, **named)
             self._known[which] = arguments, found  # an id is of a living object only
         return self._known[which][1]
 
-    def _kept(self, arguments: Any) -> T:
+    def _kept(self, *arguments: P.args, **named: P.kwargs) -> T:
         key = kept.key_of_value(self._function, arguments)
         held = kept.read(self.__name__, key) if key else None
         if held is not None and not kept.is_checked():
             return held[0]
-        found = self._function(*arguments)
+        found = self._function(*arguments, **named)
         if held is not None and pickle.dumps(held[0]) != pickle.dumps(found):
             raise kept.WrongProgram(f"{self.__name__}: found another value than that of its key")
         if key and held is None:

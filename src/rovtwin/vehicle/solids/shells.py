@@ -14,7 +14,6 @@ def shell_of(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
     count = int(faces.max()) + 1
     links = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     from scipy.sparse import coo_array
-
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
