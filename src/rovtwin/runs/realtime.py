@@ -39,7 +39,8 @@ class HostAutopilot:
         inputs = AutopilotInput(slots, jnp.asarray(NO_REQUEST))
         step = jax.jit(lambda autopilot, memory, inputs: autopilot.step(memory, inputs, control_dt))
         _, output = shapes_in_one_piece(step, autopilot, memory, inputs)
-        blocks, self._takes, self._gives = Layout(autopilot), Layout(inputs), Layout((output, memory))
+        blocks, takes, gives = Layout(autopilot), Layout(inputs), Layout((output, memory))
+        self._takes, self._gives = takes, gives
         places = self._takes.places()
         output_places, _ = self._gives.places()
         self._pack = Packer(self._takes, slots, places.measurements)
@@ -50,10 +51,11 @@ class HostAutopilot:
         def tick(
             parameters: Float[Array, " _"], before: Float[Array, " _"], taken: Float[Array, " _"]
         ) -> Float[Array, " _"]:
-            # Parameters come as a vector too: as constants they would make every vehicle a program of its own.
-            _, memory = self._gives.unflatten(before)
-            memory, output = step(blocks.unflatten(parameters), memory, self._takes.unflatten(taken))
-            return self._gives.flatten((output, memory))
+            # Parameters come as a vector too: as constants they would make every vehicle a program of its own. So would
+            # `self`, which holds them, in the key under which the program is kept.
+            _, memory = gives.unflatten(before)
+            memory, output = step(blocks.unflatten(parameters), memory, takes.unflatten(taken))
+            return gives.flatten((output, memory))
 
         self._tick = in_one_piece(tick)
         self._flat_parameters, self._flat = jax.jit(blocks.flatten), jax.jit(self._gives.flatten)
