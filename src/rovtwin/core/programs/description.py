@@ -313,13 +313,13 @@ def _by(text: Callable[[Any], str]) -> Callable[[Description, Any], None]:
     return lambda description, value: description._say(type(value).__name__, text(value))
 
 
-def _told(description: Description, value: Described) -> None:
+def _by_itself(description: Description, value: Described) -> None:
     description.put(type(value))
     description.put(value.described())
 
 
 _HOW: list[tuple[Any, Callable[[Description, Any], None]]] = [
-    (Described, _told),
+    (Described, _by_itself),
     (enum.Enum, _parts("__class__", "name")),
     (types.FunctionType, Description._function),
     (_Jitted, _parts("__wrapped__")),
