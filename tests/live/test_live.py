@@ -8,7 +8,6 @@ import pytest
 from tests.runs.test_on_board import scenario as with_parts
 
 import rovtwin.live.connect as connecting
-from rovtwin.core import numerics
 from rovtwin.core.arrays.rotations import rotation_from_euler
 from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
@@ -16,6 +15,7 @@ from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
+from rovtwin.core.programs import compiled
 from rovtwin.links.registry import parse
 from rovtwin.live import flight as live
 from rovtwin.live import readiness
@@ -281,7 +281,7 @@ def once():
     def made(*arguments):
         if not autopilot:
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(numerics.logger, "debug", lambda *reported: IN_PIECES.append(reported))
+                patch.setattr(compiled.logger, "debug", lambda *reported: IN_PIECES.append(reported))
                 autopilot.append(HostAutopilot(*arguments))
         return autopilot[0]
 

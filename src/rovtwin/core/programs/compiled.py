@@ -141,7 +141,9 @@ class Compiled(Described):
             _forget_places(lowered)
             try:
                 with kept.noting() as in_cache:
-                    return lowered, lowered.compile(), in_cache
+                    compiled = lowered.compile()
+                # One in pieces is not kept, so that each process says it.
+                return lowered, compiled, in_cache if whole == self._whole else []
             except jax.errors.JaxRuntimeError as error:
                 if not whole or not any(sign in str(error) for sign in _NOT_WHOLE):  # of the function itself
                     raise
