@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rovtwin.identification.result import Identification
     from rovtwin.planning.plan import Plan
     from rovtwin.runs.flight import Flight
+    from rovtwin.runs.mapping.classification.result import Classification
     from rovtwin.runs.mapping.result import Mosaic
     from rovtwin.runs.smooth import SmoothedRun
     from rovtwin.simulation.roll_out import Trajectory
@@ -371,6 +372,35 @@ def map(
             settings[name] = Path(settings[name])
     request = MapRequest(Path(lines), **settings)
     return map_run(None if run is None else Path(run), request, Path(folder), overwrite)
+
+
+def map_classify(mosaic: str | Path, folder: str | Path | None = None, **settings: Any) -> "Classification":
+    """What lies where on a mosaic, by spectral angle and linear unmixing, and the area of each class with its interval.
+
+    Args:
+        mosaic: Folder of a mosaic, as `map` makes it.
+        folder: To make; None: `classes` in the mosaic's.
+        settings: What differs, by the names of `runs.mapping.classification.request.ClassifyRequest`: library, classes,
+            train, check, variability, ..
+
+    Raises:
+        ConfigError: Something that is asked for is not there or does not go together.
+        LogError: A file cannot be read or written.
+
+    Example:
+        >>> found = rovtwin.map_classify("mosaic", classes=("sand", "kelp"))  # doctest: +SKIP
+        >>> found.to_pandas()["area_m2"]  # doctest: +SKIP
+    """
+    from rovtwin.runs.mapping.classification.make import classify
+    from rovtwin.runs.mapping.classification.request import ClassifyRequest
+    from rovtwin.runs.mapping.result import Mosaic
+
+    _known(settings, ClassifyRequest)
+    for name in ("library", "train", "check", "truth"):
+        if settings.get(name) is not None:
+            settings[name] = Path(settings[name])
+    out = Path(mosaic) / "classes" if folder is None else Path(folder)
+    return classify(Mosaic.read(mosaic), ClassifyRequest(**settings), out)
 
 
 def smooth(run: str | Path) -> "SmoothedRun":

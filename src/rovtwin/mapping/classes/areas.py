@@ -7,7 +7,7 @@ height, water and lamps, and other noise; it is unmixed with the library as it i
 to all cells, of variability and height by half: what varies from cell to cell averages out in a sum but lets shares
 that cannot be negative grow, which is why an absent class gets some area. The truth is taken to lie below or above the
 estimate by as much as the estimate lies above or below what it was drawn from. What the library is off by is known as a
-bound only: each draw takes a share of it, from none to all, and the interval holds the estimate itself.
+bound only: each draw takes a share of it, from none to all. What the draws are off by on average is not taken off.
 
 Reference: Davison and Hinkley (1997), Bootstrap Methods and their Application, sec. 2.4 (basic interval).
 """
@@ -116,6 +116,7 @@ def _sizes(
 def interval(
     share: Float[np.ndarray, " class"], deviation: Float[np.ndarray, "draw class"], most: float
 ) -> tuple[Float[np.ndarray, " class"], Float[np.ndarray, " class"]]:
-    """Of shares, 95 %, between 0 and `most`."""
-    low, high = np.percentile(deviation, LEVEL, axis=0)
-    return np.clip(share - np.maximum(high, 0.0), 0.0, None), np.minimum(share - np.minimum(low, 0.0), most)
+    """Of shares, 95 %, between 0 and `most`; what estimates are off by on average widens it, and never narrows it."""
+    low, middle, high = np.percentile(deviation, (LEVEL[0], 50.0, LEVEL[1]), axis=0)
+    down, up = np.maximum(high, high - middle), np.maximum(-low, middle - low)
+    return np.maximum(share - down, 0.0), np.minimum(share + up, most)

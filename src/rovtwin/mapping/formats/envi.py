@@ -1,6 +1,7 @@
-"""ENVI: a cube of numbers line by line (BIL), or a map of classes, and a header of text, which GDAL, QGIS, ENVI and SPy read.
+"""ENVI: a cube of numbers line by line (BIL) or a map of classes, with a header of text.
 
-Reference: L3Harris, ENVI Header Files: fields of the header. `coordinate system string` is WKT as ESRI writes it.
+GDAL, QGIS, ENVI and SPy read them. Reference: L3Harris, ENVI Header Files: fields of the header.
+ `coordinate system string` is WKT as ESRI writes it.
 """
 
 from collections.abc import Mapping, Sequence

@@ -12,7 +12,7 @@ from rovtwin.imaging.lines import LinesFile
 from rovtwin.mapping.classes.accuracy import Adjusted, Confusion, adjusted, counted
 from rovtwin.runs.mapping.classification.places import read_places
 from rovtwin.runs.mapping.classification.sources import Prepared
-from rovtwin.runs.mapping.classification.work import NOT_SEEN, Classified
+from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, Classified
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
@@ -27,8 +27,9 @@ class Truth:
 
     Attributes:
         confusion: Cells by the map and by what there is most of in them.
-        share: Of the cells with a number, by class, then `OTHER`.
-        sd: Of it, as some cells stand for all.
+        share: Of the cells with a number, by class, then `OTHER`: what was estimated for all of them, and the mean
+            difference of some.
+        sd: Of it, as some stand for all.
     """
 
     confusion: Confusion
@@ -85,8 +86,11 @@ def against_scene(found: Classified, scene: Scene) -> Truth:
                 share[:, row] += 0.25 * seen[:, k]
     true = [kinds[k] for k in share.argmax(axis=1)]
     mapped = [found.mapped[k] for k in value[rows, columns]]
-    spread = share.std(axis=0) / np.sqrt(len(rows))
-    return Truth(counted(mapped, true, found.mapped), share.mean(axis=0), spread)
+    outside = value[rows, columns] == OUTSIDE
+    estimated = np.where(outside[:, None], 0.0, np.nan_to_num(found.layers.share[rows, columns]))
+    off = share - np.column_stack([estimated, outside])
+    every = np.append(found.areas.unmixed, found.areas.outside)
+    return Truth(counted(mapped, true, found.mapped), every + off.mean(axis=0), off.std(axis=0) / np.sqrt(len(rows)))
 
 
 def by_points(found: Classified, path: Path) -> Checked:

@@ -150,8 +150,8 @@ def prepare(mosaic: Mosaic, request: ClassifyRequest) -> Prepared:
 def _require_units(mosaic: Mosaic, request: ClassifyRequest) -> None:
     if mosaic.about["quantity"] != "reflectance" and request.train is None:
         raise ConfigError(
-            f"{mosaic.folder}: holds {mosaic.about['quantity']}, and a library has reflectances. Say --train places.csv "
-            "(spectra of the mosaic itself), or map without --radiance"
+            f"{mosaic.folder}: holds {mosaic.about['quantity']}, and a library has reflectances. Say --train "
+            "places.csv (spectra of the mosaic itself), or map without --radiance"
         )
     if request.train is not None and request.library is not None:
         raise ConfigError("--train, --library: expected one of them: classes are the mosaic's own, or a library's")
@@ -263,6 +263,6 @@ def _require_apart(classes: Classes) -> None:
             if classes.between[k, i] < ALIKE:
                 raise ConfigError(
                     f"{classes.source}: {classes.names[i]} and {name} have spectra of one shape "
-                    f"({np.degrees(classes.between[k, i]):.2f} deg apart), which neither angle nor mixture tells apart. "
-                    "Leave one out (--classes), or join them"
+                    f"({np.degrees(classes.between[k, i]):.2f} deg apart), which neither angle nor mixture tells "
+                    "apart. Leave one out (--classes), or join them"
                 )
