@@ -26,9 +26,9 @@ LEFT, TOP = (np.round(project(DATUM, CRS.from_epsg(32632), np.zeros((1, 3)))[0] 
 
 
 def field(rng, shape, length):
-    """Of unit variance, smooth over a length in cells."""
+    """Of unit mean square, its mean included, smooth over a length in cells."""
     noise = gaussian_filter(rng.standard_normal(shape), length, mode="wrap")
-    return noise / noise.std()
+    return noise / np.sqrt(np.mean(noise**2))
 
 
 def shares(rng, shape, count=len(NAMES), length=7.0):

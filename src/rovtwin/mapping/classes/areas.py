@@ -3,11 +3,11 @@
     x* = s (sum_k a_k e*_k) (1 + sum_j z_j d_j) + noise,    e*_k = e_k (1 + q_k),    delta = mean a(x*) - mean a
 
 Each draw has other true spectra e* (the library is off by its variability, smooth over some 60 nm), other errors d_j of
-height, water and lamps, and other noise; it is unmixed with the library as it is. Errors of water and lamps are common
-to all cells, of variability and height by half: what varies from cell to cell averages out in a sum but lets shares
-that cannot be negative grow, which is why an absent class gets some area. The truth is taken to lie below or above the
-estimate by as much as the estimate lies above or below what it was drawn from. What the library is off by is known as a
-bound only: each draw takes a share of it, from none to all. What the draws are off by on average is not taken off.
+height, water and lamps, and other noise; it is unmixed with the library as it is. All of these are common to all cells,
+the worst that errors can do to a sum. Spectra and heights that vary from cell to cell besides average out in a sum but
+let shares grow that cannot be negative: an absent class gets some area. How much they vary nobody states; each draw
+takes from none to all of it. The truth is taken to lie below or above the estimate by as much as the estimate lies
+above or below what it was drawn from. What the draws are off by on average is not taken off.
 
 Reference: Davison and Hinkley (1997), Bootstrap Methods and their Application, sec. 2.4 (basic interval).
 """
@@ -20,8 +20,7 @@ from jaxtyping import Float
 from rovtwin.mapping.classes.angle import angle_between
 from rovtwin.mapping.classes.unmixing import Unmixing
 
-COMMON = {"height": 0.5, "water": 1.0, "lamps": 1.0}  # share of the variance that all cells have alike
-VARYING = 0.5  # of the variability's variance that varies from cell to cell
+VARYING = "height"  # error that varies from cell to cell, too; water and lamps do not
 LENGTH = 60.0  # over which spectra of one material differ alike [nm]
 LEVEL = (2.5, 97.5)  # percentiles
 _DARKEST = 0.05  # of what an error leaves of a value
@@ -83,14 +82,14 @@ def _made_up(
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "n band"]:
     n, count = sample.share.shape
-    amount = rng.random() * variability / size
+    amount, varying = variability / size, rng.random()
     q = rng.standard_normal((count, len(basis))) @ basis
-    spectra = unmixing.spectra * np.maximum(1.0 + np.sqrt(1.0 - VARYING) * amount[:, None] * q, _DARKEST)
-    own = rng.standard_normal((n, len(basis))) @ basis
-    gain = 1.0 + np.sqrt(VARYING) * (sample.share @ amount)[:, None] * own
+    spectra = unmixing.spectra * np.maximum(1.0 + amount[:, None] * q, _DARKEST)
+    own = rng.standard_normal((n, len(basis)), np.float32) @ basis
+    gain = 1.0 + varying * (sample.share @ amount)[:, None] * own
     for name, d in errors.items():
-        z = np.sqrt(COMMON[name]) * rng.standard_normal() + np.sqrt(1.0 - COMMON[name]) * rng.standard_normal((n, 1))
-        gain = gain + z * d
+        local = varying * rng.standard_normal((n, 1)) if name == VARYING else 0.0
+        gain = gain + (rng.standard_normal() + local) * d
     x = sample.brightness[:, None] * (sample.share @ spectra) * np.maximum(gain, _DARKEST)
     return x + sample.scale[:, None] * unmixing.noise * rng.standard_normal(x.shape, np.float32)
 

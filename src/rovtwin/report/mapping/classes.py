@@ -98,22 +98,19 @@ def spectra(
     names: Sequence[str],
     colours: Sequence[Colour],
     means: Float[np.ndarray, "class band"],
+    cells: Int[np.ndarray, " class"],
     library: Float[np.ndarray, "class band"],
 ) -> Figure:
-    """Mean of the cells of each class, and the library's spectrum at the same brightness."""
+    """Mean of the cells of each class, how many these are, and the library's spectrum."""
     rows = -(-len(names) // _PANELS)
     figure = new_figure(height=0.5 + 1.55 * rows)
     panels = figure.subplots(rows, _PANELS, squeeze=False, sharex=True).ravel()
-    for axes, name, colour, mean, given in zip(panels, names, colours, means, library, strict=False):
-        known = np.isfinite(mean)
-        factor = float(mean[known] @ given[known] / (given[known] @ given[known])) if known.any() else 1.0
+    for axes, name, colour, mean, count, given in zip(panels, names, colours, means, cells, library, strict=False):
         dress(axes, "", "", ticks=3)
-        axes.plot(wavelengths, factor * given, color=BLACK, linewidth=1.0, linestyle=(0, (4, 2)))
-        if known.any():
-            axes.plot(wavelengths, mean, color="#555555", linewidth=2.4)
-            axes.plot(wavelengths, mean, color=_hex(colour), linewidth=1.6)
-        words = f"{name}, library x {factor:.2f}" if known.any() else f"{name}: no cell"
-        axes.set_title(words, fontsize=TINY, loc="left", pad=2)
+        axes.plot(wavelengths, mean, color="#555555", linewidth=2.6)
+        axes.plot(wavelengths, mean, color=_hex(colour), linewidth=1.8)
+        axes.plot(wavelengths, given, color=BLACK, linewidth=1.0, linestyle=(0, (4, 2)))
+        axes.set_title(f"{name}: {count:,} cells", fontsize=TINY, loc="left", pad=2)
         axes.set_ylim(bottom=0.0)
         axes.tick_params(labelsize=TINY)
     for axes in panels[len(names) :]:

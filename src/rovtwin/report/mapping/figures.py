@@ -111,8 +111,12 @@ def picture(sheet: Sheet, spectra: Sequence[Spectrum], ways: Sequence[Float[np.n
     return figure
 
 
-def layers(sheet: Sheet, shown: Mapping[str, tuple[Float[np.ndarray, "row column"], str]]) -> Figure:
-    """Coverage, range, standard deviations: a panel each."""
+def layers(
+    sheet: Sheet,
+    shown: Mapping[str, tuple[Float[np.ndarray, "row column"], str]],
+    span: tuple[float, float] | None = None,
+) -> Figure:
+    """Coverage, range, standard deviations: a panel each, its colours over what it has but for outliers, or a span."""
     wide, high = sheet.size
     columns = 3 if high > 1.3 * wide else 2
     rows = -(-len(shown) // columns)
@@ -120,7 +124,7 @@ def layers(sheet: Sheet, shown: Mapping[str, tuple[Float[np.ndarray, "row column
     panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axes, (name, (layer, unit)) in zip(panels, shown.items(), strict=False):
         known = layer[np.isfinite(layer)]
-        low, high = np.percentile(known, [1.0, 99.0]) if len(known) else (0.0, 1.0)
+        low, high = span or (np.percentile(known, [1.0, 99.0]) if len(known) else (0.0, 1.0))
         colours = "magma" if name.startswith(("sigma", "noise")) else "viridis"
         axes.set_facecolor("#eef1f3")
         image = lay(axes, sheet, layer, cmap=colours, vmin=low, vmax=max(high, low + 1e-9))

@@ -12,11 +12,11 @@ from rovtwin.imaging.lines import LinesFile
 from rovtwin.mapping.classes.accuracy import Adjusted, Confusion, adjusted, counted
 from rovtwin.runs.mapping.classification.places import read_places
 from rovtwin.runs.mapping.classification.sources import Prepared
-from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, Classified
+from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, OUTSIDE_NAME, Classified
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
-OTHER = "other"
+OTHER = "other"  # in files of check points: none of the classes
 _CELLS = 8000  # of which the truth is looked up
 _WITHIN = 0.25  # of a cell: where within it, to each side
 
@@ -27,7 +27,7 @@ class Truth:
 
     Attributes:
         confusion: Cells by the map and by what there is most of in them.
-        share: Of the cells with a number, by class, then `OTHER`: what was estimated for all of them, and the mean
+        share: Of the cells with a number, by class, then of none: what was estimated for all of them, and the mean
             difference of some.
         sd: Of it, as some stand for all.
     """
@@ -74,9 +74,9 @@ def against_scene(found: Classified, scene: Scene) -> Truth:
     rows, columns = np.nonzero(value != NOT_SEEN)
     some = np.random.default_rng(2).choice(len(rows), min(_CELLS, len(rows)), replace=False)
     rows, columns = rows[some], columns[some]
-    kinds = (*found.names, OTHER)
+    kinds = (*found.names, OUTSIDE_NAME)
     share = np.zeros((len(rows), len(kinds)))
-    of = [kinds.index(name if name in found.names else OTHER) for name in ground.materials]
+    of = [kinds.index(name if name in found.names else OUTSIDE_NAME) for name in ground.materials]
     for dx in (-_WITHIN, _WITHIN):
         for dy in (-_WITHIN, _WITHIN):
             xy = np.column_stack([grid.x[columns] + dx * grid.cell, grid.y[rows] + dy * grid.cell])
@@ -111,5 +111,6 @@ def by_points(found: Classified, path: Path) -> Checked:
     if not seen:
         raise ConfigError(f"--check {path}: none of its {len(places)} places lies on a cell that was classified")
     mapped, true = [found.mapped[numbers[k]] for k in seen], [places[k].name for k in seen]
+    true = [OUTSIDE_NAME if name == OTHER else name for name in true]
     confusion = counted(mapped, true, found.mapped)
     return Checked(confusion, adjusted(confusion, found.weights), len(places) - len(seen))

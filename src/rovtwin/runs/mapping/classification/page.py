@@ -11,10 +11,10 @@ from rovtwin.report.mapping.figures import Sheet, layers
 from rovtwin.report.mapping.page import write_map_page
 from rovtwin.report.parts.page import Picture, save
 from rovtwin.report.parts.tables import Table
-from rovtwin.runs.mapping.classification.work import Classified
+from rovtwin.runs.mapping.classification.work import MIXED_NAME, Classified
 from rovtwin.runs.mapping.classification.writing import FILES, Judged, alike, areas_of, remarks_of
 
-_PANELS = 6  # shares that are shown, of the largest classes
+_PANELS, _LEAST = 9, 0.005  # shares that are shown at most, and of how much of the area
 
 
 def write_classes_page(folder: Path, judged: Judged) -> Path:
@@ -38,12 +38,13 @@ def write_classes_page(folder: Path, judged: Judged) -> Path:
             "Bars: sums of shares. Dashed: with the cells not of this library that are nearest to the class.",
         ),
         save(
-            figures.spectra(prepared.wavelengths, names, own, found.means, prepared.classes.spectra), folder, "spectra",
-            "Spectra of the classes",
-            "Coloured: mean of the cells of the class. Dashed: the library's, at the same brightness.",
+            figures.spectra(prepared.wavelengths, names, own, found.means, found.cells, prepared.classes.spectra),
+            folder, "spectra", "Spectra of the classes",
+            "Coloured: mean of the cells of the class, each less its brightness. Dashed: the library's.",
         ),
         save(
-            layers(sheet, _shares(found)), folder, "shares", "Shares", "Of the classes with the largest areas, by cell."
+            layers(sheet, _shares(found), (0.0, 1.0)), folder, "shares", "Shares",
+            f"By cell, of the classes with {_LEAST:.1%} of the area or more.",
         ),
         _angles(folder, found),
     ]  # fmt: skip
@@ -67,7 +68,9 @@ def _table(judged: Judged) -> Table:
         line += [f"{row['most_m2']:.2f}", f"{row['counted_m2']:.2f}"]
         if checked:
             line += [f"{row['checked_m2']:.2f}", f"{row['checked_low_m2']:.2f} to {row['checked_high_m2']:.2f}"]
-        lines.append(line + [f"{row['true_m2']:.2f}"] * true)
+        if true:
+            line.append(f"{row['true_m2']:.2f}")
+        lines.append(line)
     a, total = judged.found.areas, judged.found.total_m2
     words = (
         f"Of {total:.2f} m2 classified, {total * a.mixed:.2f} m2 are mixed cells and {total * a.outside:.2f} m2 not of "
@@ -90,7 +93,7 @@ def _sheet(found: Classified) -> Sheet:
 
 def _shares(found: Classified) -> dict[str, tuple[np.ndarray, str]]:
     most = np.argsort(-found.areas.unmixed)[:_PANELS]
-    return {found.names[k]: (found.layers.share[..., k], "1") for k in most if found.areas.unmixed[k] > 0.0}
+    return {found.names[k]: (found.layers.share[..., k], "1") for k in most if found.areas.unmixed[k] >= _LEAST}
 
 
 def _angles(folder: Path, found: Classified) -> Picture:
@@ -114,7 +117,7 @@ def _confusion(folder: Path, confusion: Confusion, name: str, title: str, what: 
     rows = [row for row, some in zip(confusion.mapped, there, strict=True) if some]
     part = count[there] / np.maximum(count.sum(axis=0, keepdims=True), 1)
     text = [
-        [str(n) if n else "" for n in line] + [_percent(confusion.users(row))]
+        [str(n) if n else "" for n in line] + [_percent(None if row == MIXED_NAME else confusion.users(row))]
         for row, line in zip(rows, count[there], strict=True)
     ]
     text.append([_percent(confusion.producers(column)) for column in confusion.true] + [""])

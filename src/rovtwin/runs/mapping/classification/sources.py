@@ -144,6 +144,8 @@ def prepare(mosaic: Mosaic, request: ClassifyRequest) -> Prepared:
     errors, words = ({}, []) if classes.trained else _errors(mosaic, bands)
     remarks += words
     _require_apart(classes)
+    if unknown := [name for name in request.threshold if name and name not in classes.names]:
+        raise ConfigError(f"--threshold: found '{unknown[0]}', expected some of {', '.join(classes.names)}")
     return Prepared(mosaic, request, ground, classes, bands, noise, scale, typical, errors, remarks)
 
 

@@ -31,7 +31,7 @@ class Layers:
         angle: To it [rad].
         margin: How much farther the second is [rad].
         limit: Of the angle [rad].
-        share: Of each class.
+        share: Of each class; no number for what is not of the library.
         sd: Of shares, by noise.
         brightness: Of the mixture.
         residual: Angle between the cell and the nearest mixture [rad].
@@ -79,7 +79,8 @@ class Classified:
         prepared: What it started from.
         layers: Of each cell.
         areas: Of each class.
-        means: Mean spectrum of the cells of each class, no number where there is none.
+        means: Mean spectrum of the cells of each class, each divided by its brightness; no number where there is none.
+        cells: How many these are.
         missed: Cells that were seen and know too few bands.
     """
 
@@ -87,6 +88,7 @@ class Classified:
     layers: Layers
     areas: Areas
     means: Float[np.ndarray, "class band"]
+    cells: Int[np.ndarray, " class"]
     missed: int
 
     @property
@@ -116,14 +118,15 @@ class _Sums:
     def __init__(self, prepared: Prepared, picked: Bool[np.ndarray, " cell"]) -> None:
         count, bands = prepared.classes.spectra.shape
         self.total, self.number = np.zeros((count, bands)), np.zeros((count, bands))
-        self.picked = picked
+        self.cells, self.picked = np.zeros(count, int), picked
         self.parts: list[tuple[np.ndarray, ...]] = []
 
     def add(self, first: int, x: np.ndarray, known: np.ndarray, value: np.ndarray, shares: Shares, scale: np.ndarray):
         for k in range(len(self.total)):
             cells = value == k + 1
-            self.total[k] += x[cells].sum(axis=0, dtype=float)
+            self.total[k] += (x[cells] / shares.brightness[cells, None]).sum(axis=0, dtype=float)
             self.number[k] += known[cells].sum(axis=0)
+            self.cells[k] += np.count_nonzero(cells)
         use = self.picked[first : first + len(x)] & (value != NOT_SEEN) & (value != OUTSIDE)
         use &= np.isfinite(shares.brightness) & np.isfinite(shares.value).all(axis=1)
         self.parts.append((shares.value[use], shares.brightness[use], scale[use]))
@@ -158,7 +161,7 @@ def classified(prepared: Prepared, progress: Progress = lambda what, done, count
         raise LogError(f"{prepared.mosaic.folder}: no cell knows half of the bands that count")
     progress("errors of areas", rows, rows)
     areas = _areas(prepared, layers, sums.sample(), rng)
-    return Classified(prepared, layers, areas, sums.means(), missed)
+    return Classified(prepared, layers, areas, sums.means(), sums.cells, missed)
 
 
 def _picked(prepared: Prepared, rng: np.random.Generator) -> Bool[np.ndarray, " cell"]:
@@ -178,6 +181,8 @@ def _block(prepared: Prepared, layers: Layers, sums: _Sums, rows: slice) -> int:
     near = angles(x[good], known[good], prepared.classes.spectra, scale[good, None] * prepared.noise)
     shares = prepared.unmixing.shares(x[good], known[good], scale[good])
     value, limit, residual = _named(prepared, near, shares, bands[good])
+    for one in (shares.value, shares.sd, shares.brightness):
+        one[value == OUTSIDE] = np.nan
     for layer, one in (
         (layers.value, value), (layers.nearest, near.nearest), (layers.angle, near.value),
         (layers.margin, near.margin), (layers.limit, limit),
