@@ -40,6 +40,7 @@ def test_without_errors_noise_alone_moves_areas_by_less_than_a_percent():
     assert np.abs(estimate(rng, x, 0.0, {})[3]).max() < 0.01
 
 
+@pytest.mark.system
 def test_intervals_hold_the_truth_where_the_sites_spectra_are_not_the_librarys():
     inside = 0
     for seed in range(5):
