@@ -67,9 +67,10 @@ class Library:
             wavelengths: Of the bands [nm].
             fwhm: Their widths [nm].
         """
-        offset = np.arange(-1.0, 1.0 + 1e-9, 2.0 * _STEP / max(float(np.max(fwhm)), _STEP)) if np.any(fwhm) else [0.0]
-        at = wavelengths[:, None] + fwhm[:, None] * np.asarray(offset)  # a width to each side: 98 % of a Gaussian
-        weight = np.exp(-0.5 * np.square(np.asarray(offset) * _SIGMA))
+        half = int(np.ceil(np.max(fwhm, initial=0.0) / _STEP))
+        offset = np.arange(-half, half + 1) / max(half, 1)  # a width to each side: 98 % of a Gaussian
+        at = wavelengths[:, None] + fwhm[:, None] * offset
+        weight = np.exp(-0.5 * np.square(offset * _SIGMA))
         weight = weight / weight.sum()
         return np.array([self._within(row, at) @ weight for row in self.spectra])
 

@@ -42,12 +42,11 @@ def write_classes_page(folder: Path, judged: Judged) -> Path:
             folder, "spectra", "Spectra of the classes",
             "Coloured: mean of the cells of the class, each less its brightness. Dashed: the library's.",
         ),
-        save(
-            layers(sheet, _shares(found), (0.0, 1.0)), folder, "shares", "Shares",
-            f"By cell, of the classes with {_LEAST:.1%} of the area or more.",
-        ),
         _angles(folder, found),
     ]  # fmt: skip
+    if shares := _shares(found):
+        words = f"By cell, of the classes with {_LEAST:.1%} of the area or more."
+        pictures.insert(3, save(layers(sheet, shares, (0.0, 1.0)), folder, "shares", "Shares", words))
     if judged.truth is not None:
         pictures.append(_confusion(folder, judged.truth.confusion, "confusion", "Against the truth", "cells"))
     if judged.checked is not None:
