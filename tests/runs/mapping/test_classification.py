@@ -108,7 +108,7 @@ def test_training_places_and_check_points(reef, tmp_path):
     assert any("fewer than 2 check points on" in one for one in found.remarks())
     assert any("spectra of the mosaic itself" in one for one in found.remarks())
     assert repr(found).startswith("<Classification: 4 classes on") and found.plot().get_title()
-    radiance = folder_of(tmp_path / "radiance", 7.0 * x, "radiance")
+    radiance = folder_of(tmp_path / "radiance", 7.0 * x, "radiance", 7.0 * 0.004)
     again = rovtwin.map_classify(radiance, tmp_path / "r", train=train, draws=10)
     with rasterio.open(tmp_path / "c" / "classes.tif") as one, rasterio.open(again.folder / "classes.tif") as other:
         assert (one.read(1) == other.read(1)).mean() > 0.98
