@@ -6,9 +6,9 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from tests.mapping.surveys import survey
 from tests.mapping.test_registration import errors, rms
 
+from rovtwin.mapping.alignment.ground_points import ground_points
 from rovtwin.mapping.alignment.matching import correlations, match_strips
 from rovtwin.mapping.alignment.registration import register
-from rovtwin.mapping.alignment.sights import sights
 from rovtwin.mapping.alignment.strips import Strip, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import observe
 
@@ -85,7 +85,7 @@ def pictures(one, noise=0.05):
     t = np.concatenate([np.arange(a + 0.05, b, 0.1) for a, b in one.lines])
     pixel = np.arange(one.truth.imager.pixels, dtype=float)
     T, P = np.meshgrid(t, pixel, indexing="ij")
-    seen = sights(one.truth, T.ravel(), P.ravel())
+    seen = ground_points(one.truth, T.ravel(), P.ravel())
     place = (seen.point[:, :2] + 2.0) / CELL
     bright = np.exp(0.2 * map_coordinates(floor, place.T, order=1)).reshape(T.shape)
     lamp = 1.0 + np.cos((pixel - pixel.mean()) / len(pixel) * 2.0)

@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 
 from rovtwin.core.errors import LogError
+from rovtwin.mapping.alignment.ground_points import ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.sights import sights
 from rovtwin.mapping.georeference import Georeference
 
 
@@ -95,7 +95,7 @@ def observe(
     Raises:
         LogError: A control point is seen by no ray.
     """
-    one, other = (sights(where, ties.t[:, k], ties.pixel[:, k]) for k in range(2))
+    one, other = (ground_points(where, ties.t[:, k], ties.pixel[:, k]) for k in range(2))
     good = one.valid & other.valid & np.isfinite(ties.covariance).all(axis=(1, 2))
     good &= joint.covers(ties.t).all(axis=1)
     f = (one.by_depth - other.by_depth) * depth_std
@@ -109,7 +109,7 @@ def observe(
     ).chosen(good)
     if control is None or not len(control.t):
         return found
-    seen = sights(where, control.t, control.pixel)
+    seen = ground_points(where, control.t, control.pixel)
     names = tuple(f"point {name}" for name in control.names) or tuple(f"point {k}" for k in range(len(control.t)))
     if not seen.valid.all():
         lost = [name for name, valid in zip(names, seen.valid, strict=True) if not valid]

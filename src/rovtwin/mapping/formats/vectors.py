@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from rovtwin.core.datum import Datum
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.navigation import Navigation
 from rovtwin.mapping.projection import Projection
 

@@ -13,7 +13,7 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import read_text, write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.projection import Projection
 from rovtwin.runs.mapping.result import Mosaic
 from rovtwin.simulation.imager.ground import Ground

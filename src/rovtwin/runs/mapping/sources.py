@@ -36,7 +36,7 @@ _REACH = 1.5  # of the floor beyond the pixels' first estimate [m]
 
 
 @dataclass(frozen=True)
-class Found:
+class Inputs:
     """A run, its lines, and what is asked of them.
 
     Attributes:
@@ -257,7 +257,7 @@ class Found:
         return model
 
 
-def find(run: Path | None, request: MapRequest) -> Found:
+def open_inputs(run: Path | None, request: MapRequest) -> Inputs:
     """Open what is there.
 
     Raises:
@@ -269,14 +269,14 @@ def find(run: Path | None, request: MapRequest) -> Found:
     try:
         if run is None:
             date(lines, request.datum, None)
-            return Found(None, None, None, lines, request)
+            return Inputs(None, None, None, lines, request)
         path = run / "log.mcap" if run.is_dir() else run
         beside = path.with_name("scenario.yaml")
         if not beside.exists():
             raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and floor it is of")
         log = Log.read(path)
         date(lines, request.datum, log)
-        return Found(path.parent, log, load_scenario(beside), lines, request)
+        return Inputs(path.parent, log, load_scenario(beside), lines, request)
     except BaseException:
         lines.close()
         raise

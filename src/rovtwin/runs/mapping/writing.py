@@ -37,17 +37,17 @@ from rovtwin.runs.mapping.points import (
     write_spectra,
 )
 from rovtwin.runs.mapping.result import NOTE, Mosaic
-from rovtwin.runs.mapping.sources import Found
+from rovtwin.runs.mapping.sources import Inputs
 
 _SMALL = 300e6  # bytes of a cube that is written as GeoTIFF unasked
 
 
 @dataclass(frozen=True)
-class Made:
+class Products:
     """What there is to be written.
 
     Attributes:
-        found: Sources.
+        inputs: Sources.
         job: What was done with them.
         joined: Layers.
         budget: Of uncertainty; None for radiances.
@@ -59,7 +59,7 @@ class Made:
         area: That was to be seen, rings of x and y; None: the hull of what was.
     """
 
-    found: Found
+    inputs: Inputs
     job: Job
     joined: Joined
     budget: Budget | None
@@ -71,40 +71,40 @@ class Made:
     area: Rings | None
 
 
-def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int, int], None]) -> Mosaic:
+def write_all(products: Products, out: Path, begun: float, progress: Callable[[str, int, int], None]) -> Mosaic:
     """Write them; the note comes last.
 
     Raises:
         LogError: They cannot be written.
     """
-    job, found = made.job, made.found
-    about = _about(made)
+    job, inputs = products.job, products.inputs
+    about = _about(products)
     mosaic = Mosaic(out, about)
     alike = job.calibrated.correction.model is not None
-    whole = np.isfinite(made.joined.rgb).all(-1)  # a cell without one of the three colours has no colour to be shown
-    rgb = picture(made.joined.rgb, made.joined.seen & whole, alike)
+    whole = np.isfinite(products.joined.rgb).all(-1)  # without one of the three colours a cell has none
+    rgb = picture(products.joined.rgb, products.joined.seen & whole, alike)
     progress("writing", 1, 4)
-    _rasters(made, mosaic, rgb)
+    _rasters(products, mosaic, rgb)
     progress("writing", 2, 4)
-    about["figures"]["gaps_m2"] = _vectors(made, out)
-    asked = found.request.points
+    about["figures"]["gaps_m2"] = _vectors(products, out)
+    asked = inputs.request.points
     places = (
-        usual_points(mosaic, job.grid, job.projection, made.joined.direct)
+        usual_points(mosaic, job.grid, job.projection, products.joined.direct)
         if asked is None
-        else read_points(asked, found.datum)
+        else read_points(asked, inputs.datum)
     )
-    scene = None if found.request.radiance else found.scene
+    scene = None if inputs.request.radiance else inputs.scene
     points = with_spectra(places, mosaic, job.projection, scene)
-    made.remarks.extend(without_value(points))
+    products.remarks.extend(without_value(points))
     write_spectra(out / "spectra.csv", points, mosaic.wavelengths)
-    agreed = None if scene is None else agreement(mosaic, job.grid, job.projection, scene, made.joined.direct)
+    agreed = None if scene is None else agreement(mosaic, job.grid, job.projection, scene, products.joined.direct)
     if agreed is not None:
         about["figures"] |= {"error_median": agreed.error, "angle_deg": float(np.degrees(agreed.angle))}
-    _uncertainty(made, out, agreed)
+    _uncertainty(products, out, agreed)
     progress("writing", 3, 4)
-    about["sha256"] = hashes_of(found, job.georeference.navigation.source)
+    about["sha256"] = hashes_of(inputs, job.georeference.navigation.source)
     about["figures"]["seconds"] = time.monotonic() - begun
-    _page(made, mosaic, rgb, points, agreed)
+    _page(products, mosaic, rgb, points, agreed)
     try:
         write_text(out / NOTE, json.dumps(about, indent=1))
     except OSError as error:
@@ -113,22 +113,22 @@ def write_all(made: Made, out: Path, begun: float, progress: Callable[[str, int,
     return mosaic
 
 
-def _about(made: Made) -> dict[str, Any]:
-    found, job, joined = made.found, made.job, made.joined
-    lines, grid = found.lines, job.grid
+def _about(products: Products) -> dict[str, Any]:
+    inputs, job, joined = products.inputs, products.job, products.joined
+    lines, grid = inputs.lines, job.grid
     span = joined.layers["range"][0]
     figures = {
         "lines": lines.shape[0],
-        "lines_used": made.lines_used,
+        "lines_used": products.lines_used,
         "seen_m2": float(joined.seen.sum()) * grid.cell**2,
         "range_m": float(np.nanmedian(span)),
         "pixels_per_cell": float(np.nanmean(joined.layers["coverage"][0])),
         "masked": float(joined.masked.mean()),
-        "resumed_parts": made.resumed,
-        **{f"pixels_{name}": count for name, count in made.counts.items() if name != "samples"},
+        "resumed_parts": products.resumed,
+        **{f"pixels_{name}": count for name, count in products.counts.items() if name != "samples"},
     }
-    if made.registration:
-        figures["registration"] = made.registration
+    if products.registration:
+        figures["registration"] = products.registration
     return {
         "rovtwin": __version__,
         "quantity": job.calibrated.correction.quantity,
@@ -141,55 +141,55 @@ def _about(made: Made) -> dict[str, Any]:
             "rows": grid.rows,
             "columns": grid.columns,
         },
-        "datum": json.loads(found.datum.metadata()),
+        "datum": json.loads(inputs.datum.metadata()),
         "figures": figures,
-        "settings": settings_of(found, job.georeference.navigation.source),
-        "remarks": made.remarks,
+        "settings": settings_of(inputs, job.georeference.navigation.source),
+        "remarks": products.remarks,
         "wavelengths_nm": lines.wavelengths.tolist(),
         "fwhm_nm": lines.fwhm.tolist(),
     }
 
 
-def _rasters(made: Made, mosaic: Mosaic, rgb: np.ndarray) -> None:
-    job, out, request = made.job, mosaic.folder, made.found.request
-    lines, grid = made.found.lines, job.grid
+def _rasters(products: Products, mosaic: Mosaic, rgb: np.ndarray) -> None:
+    job, out, request = products.job, mosaic.folder, products.inputs.request
+    lines, grid = products.inputs.lines, job.grid
     about = {"quantity": job.calibrated.correction.quantity, "units": job.calibrated.correction.unit}
     Image.fromarray(rgb, "RGBA").save(out / "rgb.png")
     write_picture(out / "rgb.tif", grid, rgb)
-    write_layers(out / "layers.tif", grid, made.joined.layers, about)
+    write_layers(out / "layers.tif", grid, products.joined.layers, about)
     small = 4.0 * grid.rows * grid.columns * len(lines.wavelengths) <= _SMALL
     if "cube" in request.formats or ("cog" in request.formats and small):
         write_cube(out / "cube.tif", grid, mosaic.cube, lines.wavelengths, lines.fwhm, NO_DATA, about)
     if "netcdf" in request.formats:
         what, bands = job.calibrated.correction, (lines.wavelengths, lines.fwhm)
-        layers = made.joined.layers
+        layers = products.joined.layers
         write_netcdf(out / "mosaic.nc", grid, mosaic.cube, bands, (what.quantity, what.unit), layers, NO_DATA, about)
 
 
-def _vectors(made: Made, out: Path) -> float:
+def _vectors(products: Products, out: Path) -> float:
     """Gaps and navigation; how large all gaps are [m2]."""
-    job, found = made.job, made.found
-    rings = hull_of(made.joined.seen, job.grid) if made.area is None else made.area
-    features = polygons(*gaps_of(rings, made.joined.seen, job.grid))
+    job, inputs = products.job, products.inputs
+    rings = hull_of(products.joined.seen, job.grid) if products.area is None else products.area
+    features = polygons(*gaps_of(rings, products.joined.seen, job.grid))
     total = float(sum(feature["properties"]["area_m2"] for feature in features))
     write_geojson(out / "gaps.geojson", features, name="gaps", area_m2=total)
     navigation = job.georeference.navigation
     depth = job.georeference.floor.depth_and_slope(navigation.position[:, :2])[0] - navigation.position[:, 2]
-    write_immersion(out / "navigation.csv", navigation, found.datum, job.projection, depth)
+    write_immersion(out / "navigation.csv", navigation, inputs.datum, job.projection, depth)
     return total
 
 
-def _uncertainty(made: Made, out: Path, agreed: Agreement | None) -> None:
-    if made.budget is None:
+def _uncertainty(products: Products, out: Path, agreed: Agreement | None) -> None:
+    if products.budget is None:
         return
-    b = made.budget
+    b = products.budget
     columns = {
         "wavelength_nm": b.wavelengths,
         "noise_of_a_pixel": b.noise,
         "height": b.height,
         "water": b.water,
         "lamps": b.lamps,
-        "masked_share": made.joined.masked,
+        "masked_share": products.joined.masked,
     }
     if agreed is not None:
         columns |= {"error_made": agreed.by_band, "bias_made": agreed.bias}
@@ -200,10 +200,10 @@ def _uncertainty(made: Made, out: Path, agreed: Agreement | None) -> None:
         raise write_error(out / "uncertainty.csv", error) from error
 
 
-def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agreed: Agreement | None) -> None:
-    job, out, grid = made.job, mosaic.folder, made.job.grid
+def _page(products: Products, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agreed: Agreement | None) -> None:
+    job, out, grid = products.job, mosaic.folder, products.job.grid
     bottom = grid.top - grid.rows * grid.cell
-    without = made.joined.seen & ~np.isfinite(made.joined.rgb).all(-1)
+    without = products.joined.seen & ~np.isfinite(products.joined.rgb).all(-1)
     sheet = figures.Sheet(rgb, grid.left, bottom, grid.cell, str(grid.crs), without)
     spectra = []
     for point in points:
@@ -223,13 +223,13 @@ def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agre
         ),
         save(figures.spectra(mosaic.wavelengths, spectra, what.quantity, what.unit), out, "spectra",
              "Spectra of places", "Means over 8 cm; bands that noise hides are left out."),
-        save(figures.layers(sheet, _panels(made)), out, "layers", "Coverage and geometry",
+        save(figures.layers(sheet, _panels(products)), out, "layers", "Coverage and geometry",
              "Pixels a cell, way through the water, angle at the floor, and what else was asked for."),
     ]  # fmt: skip
-    if made.budget is not None:
-        b = made.budget
+    if products.budget is not None:
+        b = products.budget
         parts = {"noise of a pixel": b.noise, "floor's height": b.height, "water": b.water, "lamps": b.lamps}
-        shown = figures.budget(b.wavelengths, parts, None if agreed is None else agreed.by_band, made.joined.masked)
+        shown = figures.budget(b.wavelengths, parts, None if agreed is None else agreed.by_band, products.joined.masked)
         pictures.append(
             save(shown, out, "uncertainty", "How sure reflectance is",
                  "By band: standard deviations as stated for water and lamps, as found for noise and the floor's "
@@ -237,14 +237,14 @@ def _page(made: Made, mosaic: Mosaic, rgb: np.ndarray, points: list[Point], agre
         )  # fmt: skip
     rows = [[label, _shown(value), unit] for label, value, unit in mosaic.figures_table()]
     files = {name: what for name, what in WHAT.items() if (out / name).exists() or name == NOTE}
-    title = f"Mosaic of {made.found.lines.path.name}"
-    write_map_page(out, title, Table("", ["", "", ""], rows), made.remarks, pictures, files)
+    title = f"Mosaic of {products.inputs.lines.path.name}"
+    write_map_page(out, title, Table("", ["", "", ""], rows), products.remarks, pictures, files)
 
 
 def _shown(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _panels(made: Made) -> dict[str, tuple[np.ndarray, str]]:
-    shown = {name: layer for name, layer in made.joined.layers.items() if name not in ("time",)}
+def _panels(products: Products) -> dict[str, tuple[np.ndarray, str]]:
+    shown = {name: layer for name, layer in products.joined.layers.items() if name not in ("time",)}
     return {"coverage": shown.pop("coverage"), **shown}
