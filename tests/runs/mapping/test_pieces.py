@@ -136,8 +136,8 @@ def test_the_note_has_all_that_was_asked_for_and_a_hash_of_each_file(inputs, tmp
 def test_cells_without_a_colour_are_hatched():
     rgb = np.full((8, 10, 4), 255, np.uint8)
     without = np.zeros((8, 10), bool)
-    plain = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", without), [])
+    plain = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", (0.0, 0.0), without), [])
     without[2:5, 3:6] = True
-    hatched = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", without), [])
+    hatched = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", (0.0, 0.0), without), [])
     found = [[one for one in shown.axes[0].collections if getattr(one, "hatches", None)] for shown in (plain, hatched)]
     assert not found[0] and len(found[1]) == 1

@@ -24,28 +24,28 @@ from rovtwin.mapping.cells.mosaic import Job, join, make_parts
 from rovtwin.mapping.cells.parts import Parts
 from rovtwin.mapping.cells.radiometry import Budget, Calibrated, Correction, Unsure, budget
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.projection import Projection, crs_of, rasterio, utm_of
+from rovtwin.mapping.projection import Projection, crs_of, utm_of
 from rovtwin.runs.mapping.area import Rings, on_map, rings_of
+from rovtwin.runs.mapping.checking import check
 from rovtwin.runs.mapping.losses import losses
 from rovtwin.runs.mapping.noting import remove_old
 from rovtwin.runs.mapping.points import read_points
+from rovtwin.runs.mapping.products import Products
 from rovtwin.runs.mapping.registering import (
     UNITS,
     Registered,
     errors_before,
     registered,
-    registration_figures,
     sigma_layers,
 )
-from rovtwin.runs.mapping.request import FORMATS, MapRequest, WaterFile
-from rovtwin.runs.mapping.result import CUBE, NOTE, Mosaic
+from rovtwin.runs.mapping.request import MapRequest, WaterFile
+from rovtwin.runs.mapping.result import CUBE, Mosaic
 from rovtwin.runs.mapping.selection import Lines, lines_to_use
 from rovtwin.runs.mapping.sources import Inputs, open_inputs
-from rovtwin.runs.mapping.writing import Products, write_all
+from rovtwin.runs.mapping.writing import write_all
 
 _FORMAT = 1  # of what parts are made of: a change that changes them raises it
 _SAMPLED = 24  # lines of which the budget of uncertainty is taken
-_FINEST, _COARSEST = 0.001, 5.0  # cells [m]
 _MARGIN = 0.05  # of the grid beyond the pixels that are located to lay it out [m]
 _EVERY = 8  # lines from one whose ends are located, for the mosaic's box, to the next
 
@@ -71,8 +71,7 @@ def map_run(
         LogError: A file cannot be read or written.
     """
     begun = time.monotonic()
-    rasterio("rovtwin map")
-    _check(request, out, overwrite)
+    check(run, request, out, overwrite)
     with (inputs := open_inputs(run, request)).lines:
         ready = prepare(inputs)
         job, lines, unsure, remarks = ready.job, ready.lines, ready.unsure, ready.remarks
@@ -96,21 +95,6 @@ def map_run(
     return mosaic
 
 
-def _check(request: MapRequest, out: Path, overwrite: bool) -> None:
-    if not _FINEST <= request.resolution <= _COARSEST:
-        raise ConfigError(
-            f"--resolution: found {request.resolution:g}, expected metres from {_FINEST:g} to {_COARSEST:g}"
-        )
-    if wrong := [name for name in request.formats if name not in FORMATS]:
-        raise ConfigError(f"--formats: found '{wrong[0]}', expected some of {', '.join(FORMATS)}")
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"{out}: is a file, expected a folder to make")
-    if (out / NOTE).exists() and not overwrite:
-        raise ConfigError(f"{out}: holds a mosaic already. Say --overwrite, or another folder")
-    if out.is_dir() and not (out / NOTE).exists() and not (out / ".parts").is_dir() and any(out.iterdir()):
-        raise ConfigError(f"{out}: holds other files; say a folder that is empty or not there")
-
-
 @dataclass(frozen=True)
 class Ready:
     """All that is known before the work.
@@ -120,7 +104,7 @@ class Ready:
         lines: Which count.
         unsure: How unsure light and water are.
         remarks: For people.
-        registration: Figures of it; empty without.
+        registration: What it did; None without.
         area: That was to be seen, as rings of x and y; None: nobody says.
     """
 
@@ -128,7 +112,7 @@ class Ready:
     lines: Lines
     unsure: WaterFile
     remarks: list[str]
-    registration: dict[str, Any]
+    registration: Registered | None
     area: Rings | None
 
 
@@ -154,7 +138,7 @@ def prepare(inputs: Inputs) -> Ready:
     georeference = replace(first, floor=floor)
     model, water, words = inputs.light()
     height = height if water.height_sd is None else water.height_sd
-    done, errors, figures = _registered(inputs, georeference, t, chosen, height)
+    done, errors = _registered(inputs, georeference, t, chosen, height)
     if done is not None:
         georeference, t = done.georeference, t + done.delay
         remarks = remarks + done.remarks
@@ -169,7 +153,7 @@ def prepare(inputs: Inputs) -> Ready:
         remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
     unsure = water.model_copy(update={"height_sd": height})
     rings = None if area is None else on_map(area, projection)
-    return Ready(job, chosen, unsure, remarks + words, figures, rings)
+    return Ready(job, chosen, unsure, remarks + words, done, rings)
 
 
 def _crs(inputs: Inputs) -> Any:
@@ -197,8 +181,8 @@ def _laid_out(
 
 def _registered(
     inputs: Inputs, georeference: Georeference, t: Float[np.ndarray, " line"], chosen: Lines, height: float
-) -> tuple[Registered | None, JointErrors | None, dict[str, Any]]:
-    """Poses put right where that is asked for, what is known of errors, and figures; None where nothing is."""
+) -> tuple[Registered | None, JointErrors | None]:
+    """Poses put right where that is asked for, and what is known of errors; None where nothing is."""
     asked = inputs.request.register or inputs.request.control is not None
     joint = errors_before(inputs, t, chosen.use)
     if joint is None:
@@ -207,11 +191,11 @@ def _registered(
                 "--register, --control: need a smoothed track with its key frames (smoothed.mcap, smoothed_keys.nc): "
                 f"rovtwin smooth {inputs.run or 'RUN'}, and --navigation smoothed"
             )
-        return None, None, {}
+        return None, None
     if not asked:
-        return None, joint, {}
+        return None, joint
     done = registered(inputs, georeference, t, chosen.use, joint, height)
-    return done, done.joint, registration_figures(done, joint)
+    return done, done.joint
 
 
 def _places(georeference: Georeference, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m 2"]:

@@ -17,6 +17,7 @@ WHAT = {
     "rgb.png": "picture",
     "layers.tif": "range, incidence, time, depth, sigmas of the place, coverage, noise: cloud-optimised GeoTIFF",
     "gaps.geojson": "what was not seen inside the area",
+    "ties.geojson": "ties and control points of the registration: residuals before and after, kept or dropped",
     "navigation.csv": "poses as Immersion reads them",
     "spectra.csv": "spectra of places",
     "uncertainty.csv": "how unsure reflectance is by band, and by what",

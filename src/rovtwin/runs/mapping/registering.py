@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt
 
 from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.core.errors import ConfigError, LogError
-from rovtwin.mapping.alignment.calibration import calibration_findings
+from rovtwin.mapping.alignment.calibration import CalibrationFinding, calibration_findings
 from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.alignment.matching import match_strips
@@ -21,7 +21,8 @@ from rovtwin.mapping.alignment.strips import SHORTEST, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference, Located
-from rovtwin.runs.mapping.points import columns_of
+from rovtwin.runs.mapping.columns import CONTROL, columns_of
+from rovtwin.runs.mapping.residuals import Residuals
 from rovtwin.runs.mapping.sources import Inputs
 
 UNITS = {"sigma": "m", "sigma_within": "m"}  # of the place, as a whole and within the mosaic
@@ -29,7 +30,6 @@ _SHOWN = (500.0, 620.0)  # whose mean is the brightness that is matched [nm]
 FEW = 10  # ties and control points below which NIS says little
 _LINES, _PIXELS = 24, 9  # lines from one whose uncertainty is computed to the next; pixels of each
 _READ = 128  # lines read at once
-_COLUMNS = ("name", "line", "pixel", "north", "east", "sd")
 _EXACT: dict[str, float] = dict.fromkeys(CALIBRATION, 0.0)
 
 
@@ -41,14 +41,16 @@ class Registered:
         georeference: With poses and mount put right.
         delay: To be added to the stamps [s].
         joint: Errors that are left, and their covariance.
-        registration: What was done; None where nothing was registered.
+        residuals: Of ties and control points, with what was done.
+        figures: For the note of a mosaic: ties, NIS, and each parameter of calibration, refused or not.
         remarks: For people.
     """
 
     georeference: Georeference
     delay: float
     joint: JointErrors
-    registration: Registration | None
+    residuals: Residuals
+    figures: dict[str, Any]
     remarks: list[str]
 
 
@@ -102,13 +104,18 @@ def registered(
         *unused,
         *_doubts(done),
     ]
-    for one in calibration_findings(joint, done.joint):
+    calibration = calibration_findings(joint, done.joint)
+    for one in calibration:
         if not one.refused:
             value, sd, unit = _shown(one.name, one.value, one.std)
             remarks.append(f"{one.name.replace('_', ' ')}: {value:+.2f} {unit} (sd {sd:.2f})")
     mount, delay = done.joint.mounted(georeference.mount)
     better = replace(georeference, navigation=done.joint.applied(georeference.navigation), mount=mount)
-    return Registered(better, delay, done.joint, done, remarks)
+    numbers = np.interp(observed.t, t, np.arange(len(t)))
+    numbers[np.isnan(observed.t)] = np.nan
+    depth = float(inputs.first_floor().depth)
+    residuals = Residuals(observed, done, numbers, depth)
+    return Registered(better, delay, done.joint, residuals, _figures(done, calibration), remarks)
 
 
 def _doubts(done: Registration) -> list[str]:
@@ -124,17 +131,13 @@ def _doubts(done: Registration) -> list[str]:
     return remarks
 
 
-def registration_figures(done: Registered, before: JointErrors) -> dict[str, Any]:
-    """Of a registration, for the note of a mosaic: ties, NIS, and each parameter of calibration, refused or not."""
-    what = done.registration
-    if what is None:
-        return {}
+def _figures(what: Registration, findings: list[CalibrationFinding]) -> dict[str, Any]:
     calibration = {
         one.name: {
             "value": one.value, "sd": one.std, "sd_before": one.prior, "correlation": one.correlation,
             "unit": _unit(one.name), "refused": one.refused,
         }
-        for one in calibration_findings(before, what.joint)
+        for one in findings
     }  # fmt: skip
     return {
         "ties_used": int(what.used.sum()), "ties_dropped": what.dropped, "rms_before_m": what.before,
@@ -203,7 +206,7 @@ def read_control(
     Raises:
         ConfigError: It cannot be read, or has other columns, no numbers, or lines and pixels that there are not.
     """
-    names, table, _ = columns_of("--control", path, _COLUMNS)
+    names, table, _ = columns_of("--control", path, CONTROL)
     lines, pixels, _ = inputs.lines.shape
     wrong = (table[:, 0] < 0) | (table[:, 0] > lines - 1) | (table[:, 1] < 0) | (table[:, 1] > pixels - 1)
     if (wrong := wrong | ~(table[:, 4] > 0)).any():

@@ -24,6 +24,7 @@ from rovtwin.mapping.navigation import Navigation
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import sensors_of, without_own
 from rovtwin.runs.compose.world import on_world_floor
+from rovtwin.runs.mapping.checking import NO_FILE
 from rovtwin.runs.mapping.dating import date
 from rovtwin.runs.mapping.request import NAVIGATIONS, MapRequest, WaterFile
 from rovtwin.scenario.files import load_scenario
@@ -31,7 +32,6 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
-_NO_FILE = ("altimeter", "plane", "truth")  # floors that are no raster file
 _REACH = 1.5  # of the floor beyond the pixels' first estimate [m]
 
 
@@ -174,7 +174,7 @@ class Inputs:
             return Plane(float(np.median(self.hits[0][:, 2])))
         if self.lines.truth is not None and np.isfinite(self.lines.truth.floor).any():
             return Plane(float(np.nanmedian(self.lines.truth.floor)))
-        if self.request.floor not in _NO_FILE:
+        if self.request.floor not in NO_FILE:
             where = self.navigation.at(self.times)
             below = where.position[where.valid, :2]
             if len(below):
