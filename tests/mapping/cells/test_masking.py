@@ -85,7 +85,7 @@ def test_a_band_without_a_signal_is_masked_whole(tmp_path):
     joined = join(job, parts, tmp_path / "c.img", "t", 5.0)  # pyright: ignore
     cube = opened(tmp_path / "c.img", (60, 40, 4))
     assert (cube[:, 3] == NO_DATA).all() and joined.masked[3] == 1.0 and (cube[:, 0] > 0).any()
-    assert list(without_signal(np.array([0.0, 0.89, 0.9, 1.0]))) == [False, False, True, True]
+    assert list(without_signal(np.array([0.0, 0.98, 0.99, 1.0]))) == [False, False, True, True]
 
 
 def test_a_colour_whose_bands_are_masked_whole_has_no_number_in_the_picture(tmp_path):

@@ -106,7 +106,7 @@ def test_pixels_beyond_the_edge_and_cells_without_a_colour_are_counted():
     words = " ".join(losses({"missed": 2, "saturated": 4, "samples": 100}, joined, 15, bands))
     assert "7 pixels lie beyond" in words and "25.0% of the cells seen have no number in red, green or blue" in words
     rgb[0, 0, 1] = 0.5
-    assert "masked whole, as noise hides 90% of their cells or more: 730 to 740 nm" in words
+    assert "masked whole, as noise hides 99% of their cells or more: 730 to 740 nm" in words
     joined.masked = np.zeros(3)
     assert losses({"missed": 2}, joined, 8, bands) == ["2 pixels see no floor within reach"]
 

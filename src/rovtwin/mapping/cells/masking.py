@@ -6,7 +6,7 @@ from scipy.ndimage import convolve1d
 
 AROUND = 11  # cells a side over which signal and noise are averaged before a band is masked
 DARKEST = 0.05  # reflectance below which a band is not masked because the floor is dark
-HIDDEN = 0.9  # share of the cells seen from which on a band is masked in all of them
+HIDDEN = 0.99  # share of the cells seen from which on a band is masked in all of them
 
 
 def masked(
@@ -43,6 +43,6 @@ def _sums(x: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]
 def without_signal(share: Float[np.ndarray, " band"]) -> Bool[np.ndarray, " band"]:
     """Bands to be masked whole, by the share of the cells seen in which each is hidden.
 
-    The few cells that are left there are those that noise made bright.
+    The few cells that are left there are those whose range is wrong, such as things that stand above the floor.
     """
     return share >= HIDDEN

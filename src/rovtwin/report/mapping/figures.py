@@ -50,7 +50,7 @@ class Sheet:
     def about(self) -> str:
         """What axes count from."""
         x, y = self.origin
-        return f"from the datum at x {x:.2f}, y {y:.2f} along the axes of {self.crs}; cells of {100 * self.cell:g} cm"
+        return f"from x {x:.2f}, y {y:.2f} (datum) along the axes of {self.crs}; cells of {100 * self.cell:g} cm"
 
 
 @dataclass(frozen=True)

@@ -81,10 +81,9 @@ def _sheet(found: Difference, first: Mosaic) -> Sheet:
     except rasterio.RasterioIOError as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
     part = rgb[row : row + grid.rows, column : column + grid.columns]
-    datum = datum_of({"datum": json.dumps(first.about["datum"])})
-    assert datum is not None  # a mosaic's note has one
-    x, y = project(datum, grid.crs, np.zeros((1, 3)))[0]
-    return Sheet(part, grid.left, grid.top - grid.rows * grid.cell, grid.cell, str(grid.crs), (float(x), float(y)))
+    bottom, datum = grid.top - grid.rows * grid.cell, datum_of({"datum": json.dumps(first.about.get("datum", ""))})
+    x, y = (grid.left, bottom) if datum is None else project(datum, grid.crs, np.zeros((1, 3)))[0].tolist()
+    return Sheet(part, grid.left, bottom, grid.cell, str(grid.crs), (x, y))
 
 
 def _shown(value: object) -> str:
