@@ -172,7 +172,7 @@ MASKED = {
     ),
     "turns": (in_poses(turning), "lines taken in turns faster than"),
     "full counts": (in_file(full), "of the counts are full and masked"),
-    "radiances that are no numbers": (with_variables(as_radiances), "have no number in red, green or blue"),
+    "radiances that are no numbers": (with_variables(as_radiances), "of the radiances are no numbers and masked"),
 }  # fmt: skip
 
 

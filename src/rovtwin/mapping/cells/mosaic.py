@@ -78,6 +78,7 @@ class Job:
         cell[~located.valid | ~use[:, None]] = -1
         weight = np.where(located.valid, np.maximum(located.cosine, 0.0) / np.square(located.way), 0.0)
         weight[(cube >= self.calibrated.lines.saturation).any(axis=-1)] *= _FULL  # other lines may have seen it
+        numbers = cube.size if self.calibrated.lines.counts else int(np.isfinite(cube).sum())
         value, variance, full = self.calibrated.values(cube, first, located)
         layers = [
             located.way,
@@ -92,7 +93,7 @@ class Job:
         bands = value.shape[-1]
         made = gridded(cell.ravel(), weight.ravel(), flat, value.reshape(-1, bands), variance.reshape(-1, bands))
         missed = int((~located.valid & use[:, None]).sum())
-        return made, {"saturated": full, "missed": missed, "samples": int(value.size)}
+        return made, {"saturated": full, "missed": missed, "no_number": value.size - numbers, "samples": value.size}
 
 
 def make_parts(job: Job, parts: Parts, progress: Callable[[int, int], None] | None = None) -> int:

@@ -23,6 +23,9 @@ def losses(counts: dict[str, int], joined: Joined, pixels: int, wavelengths: Flo
     if counts.get("saturated"):
         share = counts["saturated"] / max(counts["samples"], 1)
         remarks.append(f"{share:.2%} of the counts are full and masked")
+    if counts.get("no_number"):
+        share = counts["no_number"] / max(counts["samples"], 1)
+        remarks.append(f"{share:.2%} of the radiances are no numbers and masked")
     if counts.get("missed"):
         remarks.append(f"{counts['missed']} pixels see no floor within reach")
     filled = int((joined.seen & ~joined.direct).sum())

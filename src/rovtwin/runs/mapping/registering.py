@@ -17,7 +17,7 @@ from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.alignment.matching import match_strips
 from rovtwin.mapping.alignment.registration import Registration, register
-from rovtwin.mapping.alignment.strips import SHORTEST, straight_runs, strip_of
+from rovtwin.mapping.alignment.strips import SHORTEST, short_runs, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference, Located
@@ -168,7 +168,8 @@ def _ties(
     bands = np.flatnonzero((w >= _SHOWN[0]) & (w <= _SHOWN[1]))
     bands = bands if len(bands) else np.arange(len(w))
     strips = []
-    for run in used_runs(straight_runs(georeference.navigation, t), t, use):
+    runs = used_runs(straight_runs(georeference.navigation, t), t, use)
+    for run in short_runs(georeference.navigation, t, runs):
         bright = np.concatenate(
             [_bright(inputs, a, min(a + _READ, run[-1] + 1), bands) for a in range(run[0], run[-1] + 1, _READ)]
         )
