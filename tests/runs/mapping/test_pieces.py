@@ -15,9 +15,9 @@ from rovtwin.mapping.alignment.strips import straight_runs
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.report.mapping import figures
 from rovtwin.runs.mapping.area import gaps_of, hull_of
-from rovtwin.runs.mapping.losses import losses
 from rovtwin.runs.mapping.make import _laid_out
-from rovtwin.runs.mapping.noting import WHAT, hashes_of, remove_old, settings_of
+from rovtwin.runs.mapping.output.losses import losses
+from rovtwin.runs.mapping.output.noting import WHAT, hashes_of, remove_old, settings_of
 from rovtwin.runs.mapping.points import Point, read_points, without_value
 from rovtwin.runs.mapping.registering import filled, read_control, used_runs
 from rovtwin.runs.mapping.request import MapRequest

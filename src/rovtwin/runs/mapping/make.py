@@ -27,10 +27,11 @@ from rovtwin.mapping.georeference import Georeference
 from rovtwin.mapping.projection import Projection, crs_of, utm_of
 from rovtwin.runs.mapping.area import Rings, on_map, rings_of
 from rovtwin.runs.mapping.checking import check
-from rovtwin.runs.mapping.losses import losses
-from rovtwin.runs.mapping.noting import remove_old
+from rovtwin.runs.mapping.output.losses import losses
+from rovtwin.runs.mapping.output.noting import remove_old
+from rovtwin.runs.mapping.output.products import Products
+from rovtwin.runs.mapping.output.writing import write_all
 from rovtwin.runs.mapping.points import read_points
-from rovtwin.runs.mapping.products import Products
 from rovtwin.runs.mapping.registering import (
     UNITS,
     Registered,
@@ -42,7 +43,6 @@ from rovtwin.runs.mapping.request import MapRequest, WaterFile
 from rovtwin.runs.mapping.result import CUBE, Mosaic
 from rovtwin.runs.mapping.selection import Lines, lines_to_use
 from rovtwin.runs.mapping.sources import Inputs, open_inputs
-from rovtwin.runs.mapping.writing import write_all
 
 _FORMAT = 2  # of what parts are made of: a change that changes them raises it
 _SAMPLED = 24  # lines of which the budget of uncertainty is taken

@@ -19,8 +19,9 @@ from rovtwin.mapping.formats.netcdf import write_netcdf
 from rovtwin.mapping.formats.vectors import polygons, write_geojson, write_immersion
 from rovtwin.report.mapping.figures import Plan
 from rovtwin.runs.mapping.area import gaps_of, hull_of
-from rovtwin.runs.mapping.mosaic_page import write_mosaic_page
-from rovtwin.runs.mapping.noting import hashes_of, settings_of
+from rovtwin.runs.mapping.output.mosaic_page import write_mosaic_page
+from rovtwin.runs.mapping.output.noting import hashes_of, settings_of
+from rovtwin.runs.mapping.output.products import Products
 from rovtwin.runs.mapping.points import (
     Agreement,
     agreement,
@@ -30,7 +31,6 @@ from rovtwin.runs.mapping.points import (
     without_value,
     write_spectra,
 )
-from rovtwin.runs.mapping.products import Products
 from rovtwin.runs.mapping.residuals import write_ties
 from rovtwin.runs.mapping.result import NOTE, Mosaic
 

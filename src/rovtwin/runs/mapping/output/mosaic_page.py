@@ -12,10 +12,10 @@ from rovtwin.report.mapping.page import write_map_page
 from rovtwin.report.mapping.residuals import residuals as draw_residuals
 from rovtwin.report.parts.page import Picture, save
 from rovtwin.report.parts.tables import Table
-from rovtwin.runs.mapping.clicked import viewer_of
-from rovtwin.runs.mapping.noting import WHAT
+from rovtwin.runs.mapping.output.clicked import viewer_of
+from rovtwin.runs.mapping.output.noting import WHAT
+from rovtwin.runs.mapping.output.products import Products
 from rovtwin.runs.mapping.points import Agreement, Point
-from rovtwin.runs.mapping.products import Products
 from rovtwin.runs.mapping.residuals import Residuals
 from rovtwin.runs.mapping.result import NOTE, Mosaic
 
