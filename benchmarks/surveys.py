@@ -38,9 +38,9 @@ from rovtwin.core.log import Log  # noqa: E402
 from rovtwin.gnc.navigation.constants import USUAL_STD  # noqa: E402
 from rovtwin.imaging.imager import Mount  # noqa: E402
 from rovtwin.mapping.alignment.calibration import calibration_findings  # noqa: E402
+from rovtwin.mapping.alignment.ground_points import ground_points  # noqa: E402
 from rovtwin.mapping.alignment.joint import JointErrors  # noqa: E402
 from rovtwin.mapping.alignment.registration import register  # noqa: E402
-from rovtwin.mapping.alignment.sights import sights  # noqa: E402
 from rovtwin.mapping.alignment.strips import straight_runs  # noqa: E402
 from rovtwin.mapping.alignment.ties import observe  # noqa: E402
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty  # noqa: E402
@@ -144,8 +144,8 @@ class Mosaic:
         if mend:
             mount, later = joint.mounted(where.mount)
             where = Georeference(where.imager, mount, joint.applied(where.navigation), where.floor)
-        seen = sights(where, t + later, pixel)
-        e = (seen.point - sights(self.truth, t, pixel).point)[:, :2]
+        seen = ground_points(where, t + later, pixel)
+        e = (seen.point - ground_points(self.truth, t, pixel).point)[:, :2]
         good = np.isfinite(e).all(1)
         known = point_uncertainty(joint, seen)
         within = e[good] - e[good].mean(0)

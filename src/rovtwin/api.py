@@ -363,15 +363,18 @@ def map(
         >>> mosaic = rovtwin.map("runs/survey", "lines.h5", "mosaic", resolution=0.02)  # doctest: +SKIP
         >>> mosaic.spectrum(567820.5, 7036450.2)  # doctest: +SKIP
     """
-    from rovtwin.runs.mapping.make import map_run
+    from rovtwin.runs.mapping.checking import check
     from rovtwin.runs.mapping.request import MapRequest
 
     _known(settings, MapRequest)
     for name in ("area", "points", "control"):
         if settings.get(name) is not None:
             settings[name] = Path(settings[name])
-    request = MapRequest(Path(lines), **settings)
-    return map_run(None if run is None else Path(run), request, Path(folder), overwrite)
+    request, path = MapRequest(Path(lines), **settings), None if run is None else Path(run)
+    check(path, request, Path(folder), overwrite)
+    from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before
+
+    return map_run(path, request, Path(folder), overwrite)
 
 
 def map_classify(mosaic: str | Path, folder: str | Path | None = None, **settings: Any) -> "Classification":

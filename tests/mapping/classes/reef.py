@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from rovtwin.core.datum import Datum
 from rovtwin.imaging.spectra.materials import reflectance
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.formats.envi import NO_DATA, header
 from rovtwin.mapping.formats.geotiff import write_layers, write_picture
 from rovtwin.mapping.projection import project

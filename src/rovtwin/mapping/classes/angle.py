@@ -81,8 +81,8 @@ def angles(
     some = known.any(axis=1) & (length > 0)
     with np.errstate(all="ignore"):
         turned = np.sqrt(np.sum(np.where(known, noise, 0.0) ** 2, axis=1)) / length
-    none = [np.where(some, value, np.nan) for value in (least, second - least, turned)]
-    return Angles(np.where(some, nearest, UNCLASSIFIED), *none, length)
+    value, margin, turned = (np.where(some, one, np.nan) for one in (least, second - least, turned))
+    return Angles(np.where(some, nearest, UNCLASSIFIED), value, margin, turned, length)
 
 
 def angle_between(a: Float[np.ndarray, "*n band"], b: Float[np.ndarray, "*n band"]) -> Float[np.ndarray, "*n"]:

@@ -203,4 +203,4 @@ def similarity(spectra: Float[np.ndarray, "class band"]) -> Float[np.ndarray, "c
 
 def common_bands(spectra: Float[np.ndarray, "class band"]) -> Bool[np.ndarray, " band"]:
     """That all spectra have."""
-    return np.isfinite(spectra).all(axis=0)
+    return np.asarray(np.isfinite(spectra).all(axis=0))

@@ -6,13 +6,14 @@ GDAL, QGIS, ENVI and SPy read them. Reference: L3Harris, ENVI Header Files: fiel
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 
 NO_DATA = -9999.0
 
@@ -153,7 +154,7 @@ class EnviCube:
         self._stream.close()
 
 
-def opened(path: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """A cube of this module as it lies on the disk, (row, band, column), read as it is looked at."""
+def opened(path: Path, shape: tuple[int, int, int], mode: Literal["r", "r+"] = "r") -> np.memmap:
+    """A cube of this module as it lies on the disk, (row, band, column), read as it is looked at; r+: and written."""
     rows, columns, bands = shape
-    return np.memmap(path, "<f4", "r", shape=(rows, bands, columns))
+    return np.memmap(path, "<f4", mode, shape=(rows, bands, columns))

@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8
 
 from rovtwin.core.log.files import atomic, write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.projection import rasterio
 
 _ROWS = 256

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
 from rovtwin.mapping.change.detect import TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement

@@ -6,6 +6,7 @@ import numpy as np
 
 from rovtwin.core.errors import LogError
 from rovtwin.mapping.classes.accuracy import Confusion
+from rovtwin.mapping.projection import project
 from rovtwin.report.mapping import classes as figures
 from rovtwin.report.mapping.figures import Sheet, layers
 from rovtwin.report.mapping.page import write_map_page
@@ -81,13 +82,15 @@ def _table(judged: Judged) -> Table:
 def _sheet(found: Classified) -> Sheet:
     import rasterio
 
-    grid, path = found.prepared.ground.grid, found.prepared.mosaic.folder / "rgb.tif"
+    ground, path = found.prepared.ground, found.prepared.mosaic.folder / "rgb.tif"
+    grid = ground.grid
     try:
         with rasterio.open(path) as file:
             rgb = np.moveaxis(file.read(), 0, -1)
     except rasterio.RasterioIOError as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
-    return Sheet(rgb, grid.left, grid.top - grid.rows * grid.cell, grid.cell, str(grid.crs))
+    x, y = project(ground.datum, grid.crs, np.zeros((1, 3)))[0].tolist()
+    return Sheet(rgb, grid.left, grid.top - grid.rows * grid.cell, grid.cell, str(grid.crs), (x, y))
 
 
 def _shares(found: Classified) -> dict[str, tuple[np.ndarray, str]]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.projection import Projection
 from rovtwin.runs.mapping.points import RADIUS, columns_of
 from rovtwin.runs.mapping.result import Mosaic
@@ -88,7 +88,7 @@ def read_places(option: str, path: Path, ground: Ground) -> list[Place]:
     names, table, kind = columns_of(option, path, *_KINDS)
     places = []
     for row, (name, numbers) in enumerate(zip(names, table, strict=True), 2):
-        north_east = numbers[:2] if kind[1] == "north" else ground.datum.position(*numbers[:2], 0.0)[:2]
+        north_east = numbers[:2] if kind[1] == "north" else ground.datum.position(numbers[0], numbers[1], 0.0)[:2]
         radius = float(numbers[2]) if len(numbers) == 3 else RADIUS
         if not 0.0 < radius <= _LARGEST:
             raise ConfigError(
