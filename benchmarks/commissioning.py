@@ -31,7 +31,7 @@ from tests.commission.truths import hidden_truth  # noqa: E402  (the path above 
 
 LINKS = {"blueye": "blueye://127.0.0.2,127.0.0.3", "mavlink": "mavlink://udpin:127.0.0.1:14550", "twin": "twin://"}
 MOCAP = "qtm://127.0.0.1/rov"
-GAIN = 0.5  # JS_GAIN_DEFAULT, as ArduSub ships
+GAIN = "JS_GAIN_DEFAULT"  # which ArduSub ships at 0.5: no commissioning goes on before it is 1
 KILLED_AFTER = 12.0  # of a stage's first attempt [s]; those that end sooner are not killed
 
 
@@ -58,14 +58,13 @@ def begin(arguments: argparse.Namespace) -> None:
 def full_pull(model: Any, protocol: str) -> float:
     """What a scale reads when the served vehicle gets full command ahead at full command [N].
 
-    A drone's firmware gives ahead no more than its thrusters give astern, see `simulation.vehicle_firmware`; ArduSub as
-    it is shipped, and so the served one, lets half of the command through.
+    A drone's firmware gives ahead no more than its thrusters give astern, see `simulation.vehicle_firmware`.
     """
     from rovtwin.commission.scale import pull_of
     from rovtwin.vehicle.physics.thrusters import force_limits
 
     if protocol != "blueye":
-        return pull_of(model, "surge", GAIN if protocol == "mavlink" else 1.0).expected
+        return pull_of(model, "surge", 1.0).expected
     surge = np.abs(np.asarray(model.thrusters.configuration)[0])
     low, high = (np.asarray(limit) for limit in force_limits(model.thrusters))
     return float(np.where(surge > 0.05 * surge.max(), surge, 0.0) @ np.minimum(-low, high))
@@ -81,9 +80,27 @@ def serve(path: Path, protocol: str, folder: Path) -> subprocess.Popen[bytes]:
             raise SystemExit((folder / "server.txt").read_text())
         if "to fly it" in (folder / "server.txt").read_text():
             time.sleep(2.0)
+            if protocol == "mavlink":
+                raise_gain()
             return server
         time.sleep(0.5)
     raise SystemExit("the server did not come up in 120 s")
+
+
+def raise_gain() -> None:
+    """As a ground station does: the pilot's gain to 1."""
+    from pymavlink import mavutil
+
+    line: Any = mavutil.mavlink_connection("udpin:127.0.0.1:14550")
+    line.wait_heartbeat(timeout=20)
+    for _ in range(20):
+        line.param_set_send(GAIN, 1.0)
+        answer = line.recv_match(type="PARAM_VALUE", blocking=True, timeout=1.0)
+        if answer is not None and answer.param_id == GAIN and answer.param_value == 1.0:
+            break
+    else:
+        raise SystemExit(f"the vehicle did not take {GAIN} 1")
+    line.close()
 
 
 def commission(arguments: argparse.Namespace, reading: float, folder: Path) -> int:

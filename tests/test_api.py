@@ -14,7 +14,7 @@ from rovtwin import api
 ROOT = Path(__file__).parents[1]
 PUBLIC = ROOT / "tests" / "public_names.txt"
 # Examples that need recordings, or take minutes.
-NEED_FILES = {"map", "plan_experiment", "run_campaign", "smooth", "track", "tune"}
+NEED_FILES = {"map_classify", "map", "plan_experiment", "run_campaign", "smooth", "track", "tune"}
 FUNCTIONS = [name for name in rovtwin.__all__ if inspect.isfunction(getattr(rovtwin, name))]
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         load_scenario,
         load_vehicle,
         map,
+        map_classify,
         plan_experiment,
         run_campaign,
         simulate,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from rovtwin.vehicle.physics.model import Model
 
 _API = ("connect", "fly", "identify", "load_scenario", "load_vehicle")
-_API += ("map", "plan_experiment", "run_campaign", "simulate", "smooth", "track", "tune")
+_API += ("map", "map_classify", "plan_experiment", "run_campaign", "simulate", "smooth", "track", "tune")
 _ERRORS = ("ConfigError", "IdentificationError", "LinkError", "LinkTimeout", "LogError", "RovtwinError")
 _HOME = {
     **dict.fromkeys(_API, "api"),
@@ -96,6 +97,7 @@ __all__ = [
     "load_scenario",
     "load_vehicle",
     "map",
+    "map_classify",
     "plan_experiment",
     "run_campaign",
     "simulate",

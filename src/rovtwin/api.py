@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rovtwin.identification.result import Identification
     from rovtwin.planning.plan import Plan
     from rovtwin.runs.flight import Flight
+    from rovtwin.runs.mapping.classification.result import Classification
     from rovtwin.runs.mapping.result import Mosaic
     from rovtwin.runs.smooth import SmoothedRun
     from rovtwin.simulation.roll_out import Trajectory
@@ -362,15 +363,47 @@ def map(
         >>> mosaic = rovtwin.map("runs/survey", "lines.h5", "mosaic", resolution=0.02)  # doctest: +SKIP
         >>> mosaic.spectrum(567820.5, 7036450.2)  # doctest: +SKIP
     """
-    from rovtwin.runs.mapping.make import map_run
+    from rovtwin.runs.mapping.checking import check
     from rovtwin.runs.mapping.request import MapRequest
 
     _known(settings, MapRequest)
     for name in ("area", "points", "control"):
         if settings.get(name) is not None:
             settings[name] = Path(settings[name])
-    request = MapRequest(Path(lines), **settings)
-    return map_run(None if run is None else Path(run), request, Path(folder), overwrite)
+    request, path = MapRequest(Path(lines), **settings), None if run is None else Path(run)
+    check(path, request, Path(folder), overwrite)
+    from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before
+
+    return map_run(path, request, Path(folder), overwrite)
+
+
+def map_classify(mosaic: str | Path, folder: str | Path | None = None, **settings: Any) -> "Classification":
+    """What lies where on a mosaic, by spectral angle and linear unmixing, and the area of each class with its interval.
+
+    Args:
+        mosaic: Folder of a mosaic, as `map` makes it.
+        folder: To make; None: `classes` in the mosaic's.
+        settings: What differs, by the names of `runs.mapping.classification.request.ClassifyRequest`: library, classes,
+            train, check, variability, ..
+
+    Raises:
+        ConfigError: Something that is asked for is not there or does not go together.
+        LogError: A file cannot be read or written.
+
+    Example:
+        >>> found = rovtwin.map_classify("mosaic", classes=("sand", "kelp"))  # doctest: +SKIP
+        >>> found.to_pandas()["area_m2"]  # doctest: +SKIP
+    """
+    from rovtwin.runs.mapping.classification.make import classify
+    from rovtwin.runs.mapping.classification.request import ClassifyRequest
+    from rovtwin.runs.mapping.result import Mosaic
+
+    _known(settings, ClassifyRequest)
+    for name in ("library", "train", "check", "truth"):
+        if settings.get(name) is not None:
+            settings[name] = Path(settings[name])
+    out = Path(mosaic) / "classes" if folder is None else Path(folder)
+    return classify(Mosaic.read(mosaic), ClassifyRequest(**settings), out)
 
 
 def smooth(run: str | Path) -> "SmoothedRun":

@@ -75,6 +75,10 @@ def test_a_sound_vehicle_passes_bench_and_dip(tmp_path, monkeypatch):
     assert [c.text for c in found.checks if c.what == "commands"] == ["the gain is 0.5."]
     assert [one["what"] for one in found.measured["thrusters"]] == ["ok"] * 6
     assert found.seconds < 120.0 and np.abs(made[1].commands[-1]).max() == 0.0  # thrusters off at the end
+    (work.folder / "half").mkdir()
+    monkeypatch.setattr(Corrupted, "reach", 0.5)
+    found = dip.run(replace(work, folder=work.folder / "half"))
+    assert stops(found).keys() == {"commands"} and "whole commands arrive" in stops(found)["commands"]
 
 
 @pytest.mark.system

@@ -59,8 +59,9 @@ class Bench:
     def estimate(self, records):
         return SimpleNamespace(rows=rows(self.widths[len(records) - 1]), doubts=self.doubts)
 
-    def plan(self, vehicle, reference, minutes, tank, bollard, seed, progress, by_hand, positions):
+    def plan(self, vehicle, reference, minutes, tank, bollard, seed, progress, by_hand, positions, caution):
         self.planned.append(SimpleNamespace(reference=reference, minutes=minutes, bollard=bollard, by_hand=by_hand))
+        self.planned[-1].caution = caution
         expected = SimpleNamespace(minutes=np.array([minutes]))
         return SimpleNamespace(expected=expected, manoeuvres=["a", "b"], room=0.31, scenario=None)
 
@@ -157,14 +158,15 @@ def test_what_is_grave_stops_at_once_and_what_was_flown_stays(bench, reason):
     assert outcome.measured["logs"] == ["part-1/log.mcap"]
 
 
-def test_a_part_that_ended_early_is_used_and_a_second_one_stops(bench):
-    made = bench(widths=(0.2, 0.2, 0.2, 0.2))
-    made.reasons = ["geofence", "", "attitude limit"]
+def test_parts_that_ended_early_are_used_and_the_next_is_planned_with_more_room_until_the_fourth(bench):
+    made = bench(minutes=40.0, widths=(0.2,) * 6)
+    made.reasons = ["geofence", "", "attitude limit", "geofence", "geofence"]
     outcome = excite.run(made.work)
-    assert len(made.flown) == 3 and not outcome.go
+    assert len(made.flown) == 5 and not outcome.go
+    assert [one.caution for one in made.planned] == [1.0, 1.5, 1.5, 1.5**2, 1.5**3]
     texts = [check.text for check in outcome.checks if check.verdict == "warning"]
     assert "geofence" in texts[0] and "used where it can be" in texts[0] and "attitude limit" in texts[1]
-    assert "2 parts ended early" in outcome.reasons[0]
+    assert "4 parts ended early" in outcome.reasons[0]
 
 
 def test_a_log_that_cannot_be_right_stops_before_anything_is_estimated(bench):

@@ -249,6 +249,7 @@ class Armable(Opener):
     takes: float = 0.0
     stop_fails: bool = False
     limits: tuple[str, ...] = ()
+    reach: float = 1.0
 
     def __call__(self):
         opener = self
@@ -256,7 +257,7 @@ class Armable(Opener):
         class Link(PlainLink):
             def arm(self):
                 time.sleep(opener.takes)
-                self.stopped, self.limits = False, opener.limits
+                self.stopped, self.limits, self.reach = False, opener.limits, opener.reach
 
             def stop(self):
                 if opener.stop_fails and not self.stopped:
@@ -304,10 +305,10 @@ def test_arming_that_was_asked_for_before_a_stop_is_refused(tmp_path):
 
 
 def test_what_the_vehicle_does_not_take_is_known_once_it_is_armed(tmp_path):
-    with ThreadHosted(Armable(tmp_path / "told", limits=("the gain is 0.5",)), 3, tmp_path / "stop") as link:
-        assert link.limits == ()
+    with ThreadHosted(Armable(tmp_path / "log", limits=("the gain is 0.5",), reach=0.5), 3, tmp_path / "stop") as link:
+        assert link.limits == () and link.reach == 1.0
         link.arm()
-        assert link.limits == ("the gain is 0.5",)
+        assert link.limits == ("the gain is 0.5",) and link.reach == 0.5
 
 
 def test_stop_holds_though_the_driver_fails_at_it_and_is_received_again(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
-from rovtwin.mapping.alignment.sights import sights
+from rovtwin.mapping.alignment.ground_points import ground_points
 from rovtwin.mapping.alignment.ties import ControlPoints, Ties
 from rovtwin.mapping.georeference import Georeference
 
@@ -15,7 +15,7 @@ class Strip:
         self.truth, self.begin, self.end = truth, begin, end
         pixels = np.linspace(0, truth.imager.pixels - 1, 25)
         t, pixel = (x.ravel() for x in np.meshgrid(np.arange(begin, end, every), pixels, indexing="ij"))
-        seen = sights(truth, t, pixel)
+        seen = ground_points(truth, t, pixel)
         at = seen.point[seen.valid, :2]
         self.find = LinearNDInterpolator(at, np.column_stack([t, pixel])[seen.valid])
 
@@ -25,7 +25,7 @@ class Strip:
         inside = np.isfinite(found).all(axis=1)
         for _ in range(3):
             t, pixel = np.nan_to_num(found[:, 0], nan=0.5 * (self.begin + self.end)), np.nan_to_num(found[:, 1])
-            moved = [sights(self.truth, t + a, pixel + b).point[:, :2] for a, b in ((0, 0), (0.05, 0), (0, 2.0))]
+            moved = [ground_points(self.truth, t + a, pixel + b).point[:, :2] for a, b in ((0, 0), (0.05, 0), (0, 2.0))]
             J = np.stack([(moved[1] - moved[0]) / 0.05, (moved[2] - moved[0]) / 2.0], axis=-1)
             J[~inside] = np.eye(2)
             step = np.linalg.solve(J, (place - moved[0])[..., None])[..., 0]

@@ -9,8 +9,8 @@ from tests.mapping.overlaps import Strip
 
 from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.imaging.imager import Imager, Mount
+from rovtwin.mapping.alignment.ground_points import CALIBRATION
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.sights import CALIBRATION
 from rovtwin.mapping.georeference import Georeference
 from rovtwin.mapping.navigation import Navigation
 

@@ -1,15 +1,18 @@
 """Ties out of pictures: shifts planted to a part of a cell are found, as well as is stated; out of nothing, none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
+from tests.mapping.helper import moving
 from tests.mapping.surveys import survey
 from tests.mapping.test_registration import errors, rms
 
-from rovtwin.mapping.alignment.matching import correlations, match_strips
+from rovtwin.mapping.alignment.ground_points import ground_points
+from rovtwin.mapping.alignment.matching import USUAL, correlations, match_strips
 from rovtwin.mapping.alignment.registration import register
-from rovtwin.mapping.alignment.sights import sights
-from rovtwin.mapping.alignment.strips import Strip, straight_runs, strip_of
+from rovtwin.mapping.alignment.strips import LONGEST, Strip, short_runs, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import observe
 
 CELL = 0.02
@@ -56,6 +59,20 @@ def test_noise_makes_ties_less_sure_and_pictures_of_nothing_make_none():
     assert not len(match_strips([one, other]).t)
 
 
+def test_of_more_patches_than_are_tried_those_that_are_lie_all_along_the_overlap():
+    every, some = match_strips(strips((1.0, 1.0))), match_strips(strips((1.0, 1.0)), replace(USUAL, most=4))
+    assert len(some.t) == 4 < len(every.t)
+    assert some.t[0, 0] == every.t[0, 0] and some.t[-1, 0] == every.t[-1, 0]
+
+
+def test_a_long_oblique_run_is_cut_so_that_grids_stay_small():
+    navigation, t = moving((0.0, 0.0, 0.25 * np.pi), speed=0.5, seconds=200.0), np.arange(0.0, 200.0, 0.1)  # 100 m
+    (whole,) = straight_runs(navigation, t)
+    pieces = short_runs(navigation, t, [whole])
+    assert np.array_equal(np.concatenate(pieces), whole) and len(pieces) == 9
+    assert max(0.5 * np.ptp(t[piece]) for piece in pieces) <= LONGEST
+
+
 def test_stripes_tie_nothing():
     """They look the same all along themselves."""
     rows, columns = np.indices((250, 70))
@@ -85,7 +102,7 @@ def pictures(one, noise=0.05):
     t = np.concatenate([np.arange(a + 0.05, b, 0.1) for a, b in one.lines])
     pixel = np.arange(one.truth.imager.pixels, dtype=float)
     T, P = np.meshgrid(t, pixel, indexing="ij")
-    seen = sights(one.truth, T.ravel(), P.ravel())
+    seen = ground_points(one.truth, T.ravel(), P.ravel())
     place = (seen.point[:, :2] + 2.0) / CELL
     bright = np.exp(0.2 * map_coordinates(floor, place.T, order=1)).reshape(T.shape)
     lamp = 1.0 + np.cos((pixel - pixel.mean()) / len(pixel) * 2.0)

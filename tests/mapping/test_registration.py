@@ -8,9 +8,9 @@ from tests.mapping.surveys import survey
 
 from rovtwin.core.errors import LogError
 from rovtwin.mapping.alignment.calibration import calibration_findings
+from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.alignment.registration import register
-from rovtwin.mapping.alignment.sights import CALIBRATION, sights
 from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference
@@ -32,11 +32,11 @@ def ties(flown):
 def errors(one, joint=None):
     """Of points all over the mosaic, and what is stated of them; after a registration if it is given."""
     t, pixel = one.grid()
-    truth, where, later = sights(one.truth, t, pixel), one.stated, 0.0
+    truth, where, later = ground_points(one.truth, t, pixel), one.stated, 0.0
     if joint is not None:
         mount, later = joint.mounted(where.mount)
         where = Georeference(where.imager, mount, joint.applied(where.navigation), where.floor)
-    seen = sights(where, t + later, pixel)
+    seen = ground_points(where, t + later, pixel)
     stated = point_uncertainty(one.joint if joint is None else joint, seen)
     return (seen.point - truth.point)[:, :2], stated
 
@@ -70,12 +70,12 @@ def test_nothing_is_claimed_beyond_the_key_frames(flown, ties):
     (_, end), first = flown.lines[1], flown.lines[0]
     joint = JointErrors.of(flown.keys, first[0], end, dict.fromkeys(CALIBRATION, 0.0))
     t, pixel = flown.grid()
-    seen = sights(flown.stated, t, pixel)
+    seen = ground_points(flown.stated, t, pixel)
     inside = t <= joint.t[-1]
     found = point_uncertainty(joint, seen)
     assert inside.any() and (~inside).any()
     assert np.isfinite(found.sigma()[inside]).all() and np.isnan(found.sigma()[~inside]).all()
-    part = point_uncertainty(joint, sights(flown.stated, t[inside], pixel[inside]))
+    part = point_uncertainty(joint, ground_points(flown.stated, t[inside], pixel[inside]))
     assert np.allclose(found.sigma("within")[inside], part.sigma("within"))
     kept = observe(joint, flown.stated, ties)
     assert len(kept.d) == (ties.t <= joint.t[-1]).all(axis=1).sum() and np.isfinite(kept.H.toarray()).all()

@@ -14,7 +14,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.identification.experiment.information import Information
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
-from rovtwin.planning.experiments import _laid_out, _scenario, what_is_known
+from rovtwin.planning.experiments import _laid_out, _scenario, plan_tests, what_is_known
 from rovtwin.planning.rehearsal import Rehearsed, _exact
 from rovtwin.planning.room import excitation, require_possible
 from rovtwin.planning.tank import Tank, positions_in_tank
@@ -147,6 +147,15 @@ def test_a_pull_on_a_scale_is_known_before():
     i = parameters.names.index("thrusters.surge.force_ahead")
     assert np.sqrt(prior.covariance[i, i]) == pytest.approx(0.02, rel=0.05)
     assert np.sqrt(unanchored.covariance[i, i]) == pytest.approx(0.15)
+
+
+@pytest.mark.slow  # half a minute to compile
+def test_more_caution_keeps_a_strong_vehicle_level_and_off_the_walls():
+    vehicle, tank = load_vehicle("bluerov2_heavy"), Tank(6.0, 4.0, 1.5)
+    plan = plan_tests(vehicle, "bluerov2_heavy", 2.0, tank, by_hand=False, caution=2.25)
+    length = ExperimentScales.of(vehicle.model()).length
+    assert np.degrees(plan.flown.tilt.max()) <= 45.0 / 2.25 and plan.room >= 2.25 * 0.1 * length
+    assert plan.ratio < 1.0 and len(plan.manoeuvres) >= 5
 
 
 @pytest.mark.slow  # half a minute to compile, a quarter of an hour of test flown

@@ -17,7 +17,9 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
 from rovtwin.imaging.photographs.jpeg import exif_in, jpeg_of, tagged
 from rovtwin.runs.recording.channels import ETA, ETA_UNITS, NU, NU_UNITS, STD
-from rovtwin.runs.recording.photos import PhotoRequest, photos_of_run
+from rovtwin.runs.recording.photo_sources import PhotoRequest
+from rovtwin.runs.recording.photo_track import Track
+from rovtwin.runs.recording.photos import photos_of_run
 from rovtwin.scenario.files import dump_scenario, load_scenario
 
 DATUM = Datum(-33.9, 151.25, 20.0, "2024-05-01T08:00:00Z")  # south and east: signs count
@@ -188,6 +190,27 @@ def test_real_pictures_get_their_place_and_stay_bit_for_bit(run, tmp_path):
     assert exif[ExifTags.Base.Make] == "GoPro" and own[ExifTags.Base.ISOSpeedRatings] == 400
     assert own[ExifTags.Base.FocalLength] == 3.0 and own[ExifTags.Base.DateTimeOriginal] == "2024:05:01 08:00:08"
     assert exif.get_ifd(ExifTags.IFD.GPSInfo)[1] == "S"
+
+
+def test_stamps_of_whole_seconds_count_in_the_accuracies(run, tmp_path):
+    folder = folder_of_real_ones(tmp_path / "DCIM", (4.0, 8.0))
+    coarse = folder / "GOPR0008.JPG"
+    exif = exif_in(coarse)
+    del exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.SubsecTimeOriginal]
+    coarse.write_bytes(tagged(coarse.read_bytes(), exif, b"<x/>"))
+    found = photos_of_run(run, PhotoRequest("down.camera", pictures=folder, clock_offset=2.5), tmp_path / "out")
+    with open(tmp_path / "out" / "reference.csv", encoding="utf-8") as file:
+        rows = {row["label"]: float(row["xy_accuracy_m"]) for row in csv.DictReader(file)}
+    along = 0.25 / np.sqrt(12.0)  # eastwards, at 0.25 m/s
+    assert rows["GOPR0009.JPG"] == pytest.approx(0.1 / np.sqrt(2), abs=1e-4)
+    assert rows["GOPR0008.JPG"] == pytest.approx(np.sqrt((0.01 + along**2) / 2), abs=1e-3)
+    assert any("1 pictures have stamps of whole seconds" in note for note in found.notes)
+
+
+def test_a_track_that_stands_still_gains_nothing_from_the_spread_of_time():
+    t = np.arange(0.0, 5.0, 0.1)
+    track = Track(t, np.zeros((50, 3)), np.zeros((50, 3)), np.full((50, 6), 0.02))
+    assert np.allclose(track.at(np.array([0.0, 2.0]), 0.29)[2], 0.02)
 
 
 def test_tables_name_the_files_that_are_there(run, tmp_path):

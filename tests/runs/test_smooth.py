@@ -1,5 +1,7 @@
 """A finished run, smoothed: the filter over its log is the filter that flew, and the smoother knows better."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -135,3 +137,11 @@ def test_a_compass_that_is_off_is_in_the_covariance_and_is_found(tmp_path):
     assert nees(trusting) > 15.0 and nees(doubting) < 6.0
     assert abs(keys.constants_value[0] - off) < 3.0 * np.sqrt(keys.constants_covariance[0, 0])
     assert (keys.nonlinearity < 0.05).all()
+
+
+def test_a_smoothing_that_made_nothing_better_is_named(smoothed):
+    worse = replace(smoothed, errors=np.array([[0.02, 0.01], [0.022, 0.01]]))
+    (remark,) = worse.remarks()
+    assert "no better: 0.024 m rms, the filter 0.022 m" in remark
+    assert not replace(smoothed, errors=np.array([[0.02, 0.01], [0.01, 0.01]])).remarks()
+    assert not replace(smoothed, errors=None).remarks()

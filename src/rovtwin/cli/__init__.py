@@ -9,6 +9,7 @@ import typer
 
 from rovtwin.cli.cameras.calibrate import calibrate
 from rovtwin.cli.cameras.map import map_lines
+from rovtwin.cli.cameras.map_classify import map_classify
 from rovtwin.cli.cameras.map_diff import map_diff
 from rovtwin.cli.cameras.markers import markers
 from rovtwin.cli.cameras.photos import photos
@@ -80,6 +81,7 @@ app.command()(scan)
 app.command()(photos)
 app.command("map")(map_lines)
 app.command()(map_diff)
+app.command()(map_classify)
 app.command()(smooth)
 app.command()(watch)
 app.command()(calibrate)

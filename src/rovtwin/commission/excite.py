@@ -27,7 +27,8 @@ from rovtwin.vehicle import load_vehicle
 PART = 4.0  # of a part [min]: long enough to tell something, short enough to learn from before the next
 TO_THE_MIDDLE = 0.3  # of a part, on which it is planned for less [min]
 SHORTEST = 1.0  # left over, below which no part is begun [min]
-ENDED_EARLY = 2  # parts that may end early before the stage stops
+ENDED_EARLY = 4  # parts that may end early before the stage stops
+CAUTION = 1.5  # by which the room to walls and to the attitude limit grows after each of them
 GRAVE = ("leak", "battery critical", "battery low", "operator", "not a number", "interrupted", "link lost")
 SO_FAR = "so_far.yaml"
 PLACE = "Bring it there; the origin of positions belongs in the middle of the tank, north along its length."
@@ -130,6 +131,7 @@ class _Excitation:
             lambda what, share: work.person.progress(f"planning part {number}: {what}", share),
             by_hand=self.hands,
             positions=work.positions() or {},  # where a part measures them: room for a fence all the same
+            caution=CAUTION**self.early,
         )
 
     def _fly(self, plan: Plan, number: int) -> Check | None:
@@ -180,7 +182,8 @@ class _Excitation:
         if any(reason.startswith(word) for word in GRAVE):
             return Check("stop", what, text, "See to it, then repeat this stage: it goes on with what is flown.")
         self.early += 1
-        self.checks.append(Check("warning", what, text))
+        more = f"The next one is planned with {CAUTION**self.early:.2g} times as much room, and as level."
+        self.checks.append(Check("warning", what, f"{text}.", more if self.early < ENDED_EARLY else ""))
         if self.early < ENDED_EARLY:
             return None
         fix = "Watch the next one from the side; a larger --tank, or the dip again: --stage dip."

@@ -44,9 +44,11 @@ class Link(Source):
 
     Attributes:
         limits: What of a command does not reach the vehicle, or may not, a sentence each; known once it is armed.
+        reach: Share of full command along an axis that arrives at most; likewise.
     """
 
     limits: tuple[str, ...] = ()
+    reach: float = 1.0
 
     def arm(self) -> None:
         """Make the vehicle ready to obey. One that needs no such step does nothing here.

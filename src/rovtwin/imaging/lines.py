@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,7 +19,9 @@ from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import LogError
 from rovtwin.core.user_files.files import checked
 from rovtwin.imaging.files import imager_from_text
-from rovtwin.imaging.imager import Imager, Mount
+
+if TYPE_CHECKING:  # heavy, and not needed to refuse a file
+    from rovtwin.imaging.imager import Imager, Mount
 
 RADIANCE, NAVIGATION, OWN = "processed/radiance", "raw/nav", "rovtwin"
 CUBE, STAMP, EXPOSURE = (f"{RADIANCE}/{name}" for name in ("dataCube", "timestamp", "exposureTime"))
@@ -47,42 +49,42 @@ class Truth:
     t: Float[np.ndarray, " line"]
     position: Float[np.ndarray, "line 3"]
     attitude: Float[np.ndarray, "line 4"]
-    mount: Mount
+    mount: "Mount"
     scene: str
     floor: Float[np.ndarray, " line"]
 
 
-class LinesFile:
-    """A file of lines, open for reading; a context manager.
+class LinesHead:
+    """What a file of lines says of itself but for its imager, checked; a context manager.
 
     Attributes:
         path: Of the file.
-        imager: That took them.
         t: Stamps of the lines, middle of their exposure, by the imager's clock, on the run's time [s]; without a datum
             unix time.
         exposure: Time that each collected light [s].
         wavelengths: Centres of the bands [nm].
         fwhm: Widths of their responses [nm].
         datum: Where n lies on the map and when the run began; None where the file does not say.
-        mount: Where the imager sits on the vehicle, as stated; None where the file does not say.
         counts: Whether the cube holds counts, not radiances.
         saturation: A count from which on nothing is to be trusted; inf where the file does not say.
 
     Raises:
         LogError: The file is missing, damaged, no file of lines, or says no or wrong wavelengths or times.
-        ConfigError: The imager's description in it cannot be used.
     """
 
-    def __init__(self, path: str | Path, imager: Imager | None = None) -> None:
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._file = _opened(self.path)
         try:
-            self._read_head(imager)
+            self._read_head()
+        except RuntimeError as error:  # of the HDF5 library
+            self._file.close()
+            raise LogError(damaged(self.path, error)) from None
         except BaseException:
             self._file.close()
             raise
 
-    def _read_head(self, imager: Imager | None) -> None:
+    def _read_head(self) -> None:
         self._cube = self._required(CUBE, 3)
         lines, pixels, bands = self._cube.shape
         self.counts = np.issubdtype(self._cube.dtype, np.integer)
@@ -96,13 +98,6 @@ class LinesFile:
         self.t = stamps - self._start
         check_stamps(self.t, str(self.path))
         self.exposure = 1e-3 * self._spread(EXPOSURE, lines)
-        self.imager = imager or self._own_imager()
-        if self.imager.pixels != pixels:
-            raise LogError(
-                f"{self.path}: {CUBE} has {pixels} pixels a line, {self.imager.file.name} {self.imager.pixels}"
-            )
-        mounted = self._found(f"{OWN}/mount_position") is not None
-        self.mount = self._mount("mount") if mounted else None
         self.saturation = float(getattr(self._cube, "saturation", np.inf))
 
     @property
@@ -129,9 +124,7 @@ class LinesFile:
         try:
             return np.asarray(self._cube[first:last], dtype=np.float32)
         except RuntimeError as error:  # of the HDF5 library
-            raise LogError(
-                f"{self.path}: lines {first} to {last} cannot be read ({error}); is the file whole?"
-            ) from None
+            raise LogError(f"{damaged(self.path, error)} (lines {first} to {last})") from None
 
     def radiance(
         self, first: int, last: int
@@ -167,15 +160,15 @@ class LinesFile:
                 raise LogError(f"{self.path}: {name} has the shape {frame.shape}, the lines {self.shape[1:]}")
         return np.asarray(dark[:], np.float32), np.asarray(response[:], np.float32)
 
-    @cached_property
-    def truth(self) -> Truth | None:
-        """What the simulation that made the lines knows; None for those of an instrument."""
-        if self._found(f"{OWN}/truth/t") is None:
-            return None
-        t, position, attitude, floor = (
-            np.asarray(self._file[f"{OWN}/truth/{name}"][:]) for name in ("t", "position", "attitude", "floor")
-        )
-        return Truth(t, position, attitude, self._mount("truth/mount"), self._text("truth/scene") or "", floor)
+    @property
+    def described(self) -> bool:
+        """Whether the file describes its imager."""
+        return self._found(f"{OWN}/imager") is not None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a simulation made the lines, and left the truth with them."""
+        return self._found(f"{OWN}/truth/t") is not None
 
     def navigation(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """The vehicle's own, in the file: times on the run's clock [s], ECEF [m], roll, pitch, yaw [rad]; or None."""
@@ -197,19 +190,6 @@ class LinesFile:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
-
-    def _own_imager(self) -> Imager:
-        text = self._text("imager")
-        if text is None:
-            raise LogError(
-                f"{self.path}: says nothing of the imager's lens and port. Describe it in a file such as "
-                "`rovtwin scan --imager uhi` uses, and give that one"
-            )
-        return Imager(imager_from_text(text, f"{self.path.name}: {OWN}/imager"))
-
-    def _mount(self, name: str) -> Mount:
-        position, rotation = (np.asarray(self._file[f"{OWN}/{name}_{part}"][:]) for part in ("position", "rotation"))
-        return Mount(position, rotation, self._text(f"{name}_name") or "")
 
     def _found(self, name: str) -> Any:
         try:
@@ -247,6 +227,61 @@ class LinesFile:
         return None if found is None else str(found[...])
 
 
+class LinesFile(LinesHead):
+    """A file of lines with its imager, open for reading; a context manager.
+
+    Attributes:
+        imager: That took them.
+        mount: Where the imager sits on the vehicle, as stated; None where the file does not say.
+
+    Raises:
+        LogError: See `LinesHead`; or the file does not describe its imager, or that one has other pixels.
+        ConfigError: The imager's description in it cannot be used.
+    """
+
+    def __init__(self, path: str | Path, imager: "Imager | None" = None) -> None:
+        super().__init__(path)
+        try:
+            self.imager = imager or self._own_imager()
+            if self.imager.pixels != self.shape[1]:
+                raise LogError(
+                    f"{self.path}: {CUBE} has {self.shape[1]} pixels a line, {self.imager.file.name} "
+                    f"{self.imager.pixels}"
+                )
+            mounted = self._found(f"{OWN}/mount_position") is not None
+            self.mount = self._mount("mount") if mounted else None
+        except BaseException:
+            self._file.close()
+            raise
+
+    @cached_property
+    def truth(self) -> Truth | None:
+        """What the simulation that made the lines knows; None for those of an instrument."""
+        if self._found(f"{OWN}/truth/t") is None:
+            return None
+        t, position, attitude, floor = (
+            np.asarray(self._file[f"{OWN}/truth/{name}"][:]) for name in ("t", "position", "attitude", "floor")
+        )
+        return Truth(t, position, attitude, self._mount("truth/mount"), self._text("truth/scene") or "", floor)
+
+    def _own_imager(self) -> "Imager":
+        from rovtwin.imaging.imager import Imager
+
+        text = self._text("imager")
+        if text is None:
+            raise LogError(
+                f"{self.path}: says nothing of the imager's lens and port. Describe it in a file such as "
+                "`rovtwin scan --imager uhi` uses, and give that one"
+            )
+        return Imager(imager_from_text(text, f"{self.path.name}: {OWN}/imager"))
+
+    def _mount(self, name: str) -> "Mount":
+        from rovtwin.imaging.imager import Mount
+
+        position, rotation = (np.asarray(self._file[f"{OWN}/{name}_{part}"][:]) for part in ("position", "rotation"))
+        return Mount(position, rotation, self._text(f"{name}_name") or "")
+
+
 def check_stamps(t: Float[np.ndarray, " line"], where: str) -> None:
     """Raise LogError where stamps do not grow."""
     if (wrong := np.flatnonzero(np.diff(t) <= 0)).size:
@@ -268,6 +303,18 @@ def _opened(path: Path) -> Any:
         file.set_auto_maskandscale(False)
         return file
     except OSError as error:
+        if "HDF" in str(error):  # of its library, which numbers its errors below 0
+            raise LogError(damaged(path, error)) from None
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except RuntimeError as error:
-        raise LogError(f"{path}: cannot be read ({error}); is the file whole?") from None
+        raise LogError(damaged(path, error)) from None
+
+
+def damaged(path: Path, error: Exception) -> str:
+    """What to say of a file that the HDF5 library cannot read."""
+    why = getattr(error, "strerror", None) or error
+    return (
+        f"{path}: is damaged or cut short, {path.stat().st_size:,} bytes ({why}). Compare its size with that of "
+        "the original and copy it again; if the recording itself broke off, h5clear of the HDF5 tools may mend it; "
+        "lines of a simulation: rovtwin scan again"
+    )

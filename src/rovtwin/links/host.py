@@ -174,7 +174,7 @@ class _Host:
         slice_ = [self._received.popleft() for _ in range(min(len(self._received), AT_ONCE))]
         self._pipe.send(("readings", (self._link.age, self._stopped_at, slice_)))
         if not self._answers.empty():
-            self._pipe.send(("limits", self._link.limits))
+            self._pipe.send(("limits", (self._link.limits, self._link.reach)))
             self._pipe.send(("armed", self._answers.get()))
         self._reported_at = now
 

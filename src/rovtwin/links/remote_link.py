@@ -179,7 +179,7 @@ class RemoteLink(Link):
                 elif kind == "failed":
                     self._failed = content
                 elif kind == "limits":
-                    self.limits = content
+                    self.limits, self.reach = content
                 elif kind == "armed":
                     self._armed = content
                     # A vehicle that may be armed again after a stop obeys again, unless it was stopped meanwhile.

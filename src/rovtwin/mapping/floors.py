@@ -102,7 +102,7 @@ def elevation_model(
     rio = rasterio(f"--floor {path}")
     try:
         with rio.open(checked(path, np.inf)) as file:
-            _check_system(file, path)
+            check_system(file, path)
             corners = _box(low, high)
             xy = project(datum, file.crs, np.column_stack([corners, np.zeros(len(corners))]))
             window = _window(file, xy, path)
@@ -126,7 +126,12 @@ def _box(low: np.ndarray, high: np.ndarray) -> Float[np.ndarray, "4 2"]:
     return np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])])
 
 
-def _check_system(file: Any, path: Path) -> None:
+def check_system(file: Any, path: Path) -> None:
+    """Refuse a raster that does not say where it lies.
+
+    Raises:
+        ConfigError: See there.
+    """
     if file.crs is None:
         raise ConfigError(
             f"{path}: says no coordinate system, so nobody knows where it lies. Write it in: "

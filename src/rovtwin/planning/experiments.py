@@ -47,8 +47,8 @@ from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.physics.actuation import wrench_limits
 
 BOLLARD = 0.02  # full thrust is known to, before the test
-# Tilt beyond which another true vehicle may leave the attitude limit [rad]; what hands do is no fault.
-TIPPING = max(0.75 * RULES["attitude limit"].limit, 1.01 * np.arcsin(TIPPED))
+TIPPING = 0.75 * RULES["attitude limit"].limit  # beyond which another true vehicle may leave it [rad]
+BY_HAND = 1.01 * float(np.arcsin(TIPPED))  # tilt of a release, which is no fault [rad]
 NOBODY = "releases left out: nobody tilts the vehicle; its damping in roll and pitch is tested by their couplings only"
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
@@ -108,6 +108,7 @@ def plan_tests(
     progress: Progress = lambda what, share: None,
     by_hand: bool = True,
     positions: Mapping[str, Any] | None = None,
+    caution: float = 1.0,
 ) -> Plan:
     """The test of so many minutes in a tank that is expected to tell most about a vehicle.
 
@@ -123,6 +124,8 @@ def plan_tests(
         positions: What is other of the sensor of positions, as in a scenario's `sensors.position`, than of the
             vehicle's own, or of motion capture where it carries none. Where it is given, the plan leaves room for a
             fence that such positions can hold.
+        caution: How many times as much room it leaves to walls and to the attitude limit as usual: 1 and more, for a
+            vehicle that left its limits in a test before.
 
     Raises:
         ConfigError: The vehicle does not fit the tank, no candidate does, or positions err too much for a fence.
@@ -159,24 +162,24 @@ def plan_tests(
         scenario = _scenario(reference, tank, sensor, [pool[usable[i]] for i in order])
         return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
 
-    touching = TOUCHING * scales.length
+    touching, tipping = TOUCHING * scales.length * caution, max(TIPPING / caution, BY_HAND if by_hand else 0.0)
 
-    def lay_out(tipping: float) -> tuple[list[int], Scenario, Rehearsed]:
-        tilts = np.array([flown[i].tilt.max() > tipping for i in usable])
+    def lay_out(tipped: float) -> tuple[list[int], Scenario, Rehearsed]:
+        tilts = np.array([flown[i].tilt.max() > tipped for i in usable])
         left = replace(ours, seconds=np.where(tilts, np.inf, ours.seconds))
 
         def near(one: Rehearsed) -> Float[np.ndarray, " n"]:
             fenced = tank.past_a_fence(model, one, errs) if errs else np.empty(0)
-            return np.concatenate([tank.near(vehicle, one, touching), one.t[one.tilt > tipping], fenced])
+            return np.concatenate([tank.near(vehicle, one, touching), one.t[one.tilt > tipped], fenced])
 
         return _laid_out(fly, near, prior, left, 60.0 * minutes, progress)
 
     tilted = []
     try:
-        order, scenario, whole = lay_out(TIPPING)
+        order, scenario, whole = lay_out(tipping)
     except (ConfigError, IdentificationError):
         order, scenario, whole = lay_out(np.inf)
-        most, least = np.degrees([whole.tilt.max(), TIPPING])
+        most, least = np.degrees([whole.tilt.max(), tipping])
         tilted = [
             f"it tilts by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is "
             "not quite as described may leave the limit"

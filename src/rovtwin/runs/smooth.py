@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COVARIANCE = "smoothed/covariance"
+_BETTER = 0.95  # share of the filter's error that counts as better
 NEEDED = ("sensor/position", "sensor/attitude")
 
 
@@ -81,6 +82,25 @@ class SmoothedRun(Stored):
             names = ("error of the filter, north / east, rms", "error of the smoother, north / east, rms")
             found += [(name, row.tolist(), "m") for name, row in zip(names, self.errors, strict=True)]
         return found
+
+    def remarks(self) -> list[str]:
+        """Whether smoothing made positions no better, where the truth is known.
+
+        Example:
+            >>> rovtwin.smooth("runs/survey").remarks()  # doctest: +SKIP
+            []
+        """
+        if self.errors is None:
+            return []
+        filtered, smoothed = np.linalg.norm(self.errors, axis=1)
+        if smoothed < _BETTER * filtered:
+            return []
+        return [
+            f"smoothing made positions no better: {smoothed:.3f} m rms, the filter {filtered:.3f} m. Where a Doppler "
+            "log carries the track, what is left is an offset of the whole of it, and what the sensors' constants may "
+            "be off by (--heading-std, --dvl-yaw-std, --dvl-scale-std): more or better fixes, or known points, take "
+            "that out"
+        ]
 
     def to_xarray(self) -> "xarray.DataTree":
         """A tree of the channels `smoothed/*`, see `Log.to_xarray`.

@@ -170,11 +170,11 @@ def test_the_gain_in_force_counts_and_its_changes_are_reported():
     assert steering.gain == 0.1 and "does not say the gain in force" in " ".join(steering.limits())
     assert parameter("PilotGain", 0.5) == "" and steering.gain == 0.5, "the firmware does not go below JS_GAIN_MIN"
     assert parameter("PilotGain", 0.75) == "the pilot's gain is 0.75 now, 0.5 before" and steering.gain == 0.75
-    assert "down" in steering.limits()[0] and len(steering.limits()) == 1
+    assert "down" in steering.limits()[0] and len(steering.limits()) == 1 and steering.reach == 0.75
     given = Steering(1.0, 2.0, (4, 5))
     texts = [given.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=b"PilotGain", value=0.5)) for _ in range(2)]
     assert texts == ["it says that the pilot's gain is 0.5; 1, which was given, counts", ""] and given.gain == 1.0
-    assert given.limits() == [] and "down" not in Steering(0.5, 2.0, (4, 5)).limits()[0]
+    assert given.reach == 1.0 and given.limits() == [] and "down" not in Steering(0.5, 2.0, (4, 5)).limits()[0]
     unreported = Steering(0.5, 1.0, None)
     unreported.take("AUTOPILOT_VERSION", SimpleNamespace(flight_sw_version=0))
     assert unreported.firmware is None, "0 is no version"

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.mapping.cells.gridding import Grid, Parts, gridded
+from rovtwin.mapping.cells.grid import Grid
+from rovtwin.mapping.cells.gridding import gridded
+from rovtwin.mapping.cells.parts import Parts
 from rovtwin.mapping.projection import crs_of
 
 UTM = crs_of("EPSG:32632", "t")
@@ -60,10 +62,10 @@ def two_parts(folder):
 
 def test_the_mean_of_parts_is_that_of_all_pixels_whatever_the_rows_at_once(tmp_path, monkeypatch):
     parts, (number, weight, value, variance) = two_parts(tmp_path / "p")
-    monkeypatch.setattr("rovtwin.mapping.cells.gridding._AT_ONCE", 1.0)
+    monkeypatch.setattr("rovtwin.mapping.cells.parts._AT_ONCE", 1.0)
     blocks = list(parts.joined(range(2), GRID, 3, 4, best=False))
     assert len(blocks) == 1  # eight rows at least, and there are six
-    dense = blocks[0][1]
+    dense = blocks[0][2]
     for cell in range(48):
         own = number == cell
         if not own.any():
@@ -80,7 +82,7 @@ def test_the_best_is_one_part_whole(tmp_path):
     for number, quality in enumerate((np.linspace(0.0, 1.0, 48) + 0.01, np.linspace(1.0, 0.0, 48) + 0.01)):
         value = np.full((48, 2), float(number + 1))
         parts.add(number, gridded(cells, quality, np.zeros((48, 4)), value, value), {})
-    ((_, dense),) = parts.joined(range(2), GRID, 2, 4, best=True)
+    ((_, _, dense),) = parts.joined(range(2), GRID, 2, 4, best=True)
     assert (dense.value[:24] == 2.0).all() and (dense.value[24:] == 1.0).all() and (dense.count == 2.0).all()
 
 
@@ -90,9 +92,9 @@ def test_a_band_that_is_full_in_some_lines_is_taken_from_others(tmp_path, best):
     full = np.array([[np.nan, 2.0]] * 48)
     parts.add(0, gridded(cells, np.full(48, 2.0), np.zeros((48, 4)), full, np.ones((48, 2))), {})
     parts.add(1, gridded(cells, np.ones(48), np.zeros((48, 4)), np.full((48, 2), 5.0), np.ones((48, 2))), {})
-    ((_, dense),) = parts.joined(range(2), GRID, 2, 4, best=best)
+    ((_, _, dense),) = parts.joined(range(2), GRID, 2, 4, best=best)
     assert np.allclose(dense.value, [5.0, 2.0 if best else 3.0]) and np.isfinite(dense.variance).all()
-    ((_, alone),) = parts.joined(range(1), GRID, 2, 4, best=best)
+    ((_, _, alone),) = parts.joined(range(1), GRID, 2, 4, best=best)
     assert np.isnan(alone.value[:, 0]).all() and np.isnan(alone.variance[:, 0]).all()
 
 
@@ -101,7 +103,7 @@ def test_a_cell_between_two_lines_is_filled_from_its_neighbours_and_a_hole_is_no
     cells = np.array([c for c in range(48) if c // 8 != 2 and c % 8 < 6])  # one row is missing, and two columns
     value = np.column_stack([cells // 8, cells % 8]).astype(float)
     parts.add(0, gridded(cells, np.ones(len(cells)), np.zeros((len(cells), 4)), value, 0 * value), {})
-    ((_, dense),) = parts.joined(range(1), GRID, 2, 4, best=True)
+    ((_, _, dense),) = parts.joined(range(1), GRID, 2, 4, best=True)
     row = slice(17, 21)
     assert np.allclose(dense.value[row, 0], 2.0) and np.allclose(dense.value[row, 1], [1.0, 2.0, 3.0, 4.0])
     assert (dense.count[row] == 0).all() and (dense.weight[row] > 0).all() and (dense.weight[6::8] == 0).all()

@@ -10,7 +10,7 @@ from rovtwin.imaging.lines import LinesFile
 from rovtwin.imaging.lines_writer import write_lines
 from rovtwin.imaging.radiance import Radiometry, fine_wavelengths
 from rovtwin.imaging.spectra.water import Constituents, SpectralWater
-from rovtwin.mapping.cells.radiometry import Calibrated, Correction, Unsure, budget, lowered, masked
+from rovtwin.mapping.cells.radiometry import Calibrated, Correction, Unsure, budget, lowered
 from rovtwin.mapping.georeference import Georeference
 from rovtwin.simulation.imager.detector import DetectorModel
 
@@ -96,21 +96,6 @@ def test_radiance_alone_is_what_the_file_says(seen):
     lines, located, _ = seen
     found = Calibrated(lines, Correction(lines.imager, None)).values(lines.read(0, LINES), 0, located)[0]
     assert np.allclose(found, lines.radiance(0, LINES)[0], rtol=1e-4)
-
-
-def test_a_dark_floor_in_good_light_is_not_masked():
-    value, sigma = np.array([0.3, 0.3, 0.01, 0.01]), np.array([0.05, 0.07, 0.009, 0.02])
-    cells = [np.broadcast_to(x, (4, 5, 4)) for x in (value, sigma)]
-    assert (masked(*cells, np.ones((4, 5), bool), 5.0) == [False, True, False, True]).all()
-
-
-def test_a_mask_does_not_choose_the_bright_ones_of_what_is_alike():
-    rng = np.random.default_rng(3)
-    sigma = np.full((60, 80, 1), 0.0405)
-    value = 0.2 + sigma * rng.standard_normal(sigma.shape)
-    alone = value[sigma * 5.0 <= np.maximum(np.abs(value), 0.05)]
-    kept = value[~masked(value, sigma, np.ones((60, 80), bool), 5.0)]
-    assert alone.mean() > 0.22 and (len(kept) == 0 or abs(kept.mean() - 0.2) < 0.01)
 
 
 def _line(located, k):

@@ -10,7 +10,7 @@ import spectral
 from tests.mapping.helper import moving
 
 from rovtwin.core.datum import Datum
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.formats.envi import NO_DATA, EnviCube, opened
 from rovtwin.mapping.formats.geotiff import write_cube, write_layers, write_picture
 from rovtwin.mapping.formats.netcdf import write_netcdf

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, LogError
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.formats.envi import NO_DATA, header
 from rovtwin.mapping.formats.geotiff import write_layers, write_picture
 from rovtwin.runs.mapping.result import Mosaic

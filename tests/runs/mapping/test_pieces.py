@@ -12,23 +12,23 @@ from tests.runs.mapping.test_sources import CUBE
 from rovtwin.core.errors import ConfigError
 from rovtwin.imaging.lines_writer import write_lines
 from rovtwin.mapping.alignment.strips import straight_runs
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.report.mapping import figures
 from rovtwin.runs.mapping.area import gaps_of, hull_of
-from rovtwin.runs.mapping.losses import losses
 from rovtwin.runs.mapping.make import _laid_out
-from rovtwin.runs.mapping.noting import WHAT, hashes_of, remove_old, settings_of
+from rovtwin.runs.mapping.output.losses import losses
+from rovtwin.runs.mapping.output.noting import WHAT, hashes_of, remove_old, settings_of
 from rovtwin.runs.mapping.points import Point, read_points, without_value
 from rovtwin.runs.mapping.registering import filled, read_control, used_runs
 from rovtwin.runs.mapping.request import MapRequest
-from rovtwin.runs.mapping.sources import Found, find
+from rovtwin.runs.mapping.sources import Inputs, open_inputs
 
 GRID = Grid("EPSG:32632", 100.0, 50.0, 0.1, 40, 60)  # 6 x 4 m
 
 
 @pytest.fixture
-def found(tmp_path):
-    there = find(None, MapRequest(write_lines(tmp_path / "lines.h5", head(), [CUBE])))
+def inputs(tmp_path):
+    there = open_inputs(None, MapRequest(write_lines(tmp_path / "lines.h5", head(), [CUBE])))
     with there.lines:
         yield there
 
@@ -63,24 +63,24 @@ def test_nodes_without_a_floor_take_the_value_of_the_nearest_that_has_one():
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "", "x"])
-def test_a_place_that_is_no_number_is_named(tmp_path, found, text):
+def test_a_place_that_is_no_number_is_named(tmp_path, inputs, text):
     path = tmp_path / "p.csv"
     path.write_text(f"name,north,east\nA,1,2\nB,{text},2\n")
     with pytest.raises(ConfigError, match=rf"row 3 \(B\): found '{text}' for north.*take the row out"):
-        read_points(path, found.datum)
+        read_points(path, inputs.datum)
     path.write_text(f"name,line,pixel,north,east,sd\nB,1,2,{text},2,0.1\n")
     with pytest.raises(ConfigError, match=rf"row 2 \(B\): found '{text}' for north"):
-        read_control(path, found, found.times, np.ones(7, bool))
+        read_control(path, inputs, inputs.times, np.ones(7, bool))
 
 
-def test_control_points_of_lines_that_are_not_used_are_left_out_and_named(tmp_path, found):
+def test_control_points_of_lines_that_are_not_used_are_left_out_and_named(tmp_path, inputs):
     path = tmp_path / "p.csv"
     path.write_text("name,line,pixel,north,east,sd\nA,1,2,0,0,0.1\nB,5,2,0,0,0.1\n")
-    control, remarks = read_control(path, found, found.times, np.arange(7) < 4)
+    control, remarks = read_control(path, inputs, inputs.times, np.arange(7) < 4)
     assert control is not None and control.names == ("A",) and len(control.t) == 1 and "left out: B" in remarks[0]
     path.write_text("name,line,pixel,north,east,sd\nA,9,2,0,0,0.1\n")
     with pytest.raises(ConfigError, match=r"row 2 \(A\): found line 9"):
-        read_control(path, found, found.times, np.ones(7, bool))
+        read_control(path, inputs, inputs.times, np.ones(7, bool))
 
 
 def test_places_without_a_value_are_named():
@@ -101,27 +101,30 @@ def test_pixels_beyond_the_edge_and_cells_without_a_colour_are_counted():
     seen, rgb = np.ones((2, 2), bool), np.full((2, 2, 3), 0.5)
     rgb[0, 0, 1] = np.nan
     layers = {"coverage": (np.array([[3.0, 2.0], [1.0, np.nan]], np.float32), "1")}
-    joined = SimpleNamespace(layers=layers, rgb=rgb, seen=seen, direct=seen)
-    words = " ".join(losses({"missed": 2, "saturated": 4, "samples": 100}, joined, 15))
+    bands, masked = np.array([500.0, 730.0, 740.0]), np.array([0.5, 1.0, 1.0])
+    joined = SimpleNamespace(layers=layers, rgb=rgb, seen=seen, direct=seen, masked=masked)
+    words = " ".join(losses({"missed": 2, "saturated": 4, "samples": 100}, joined, 15, bands))
     assert "7 pixels lie beyond" in words and "25.0% of the cells seen have no number in red, green or blue" in words
     rgb[0, 0, 1] = 0.5
-    assert losses({"missed": 2}, joined, 8) == ["2 pixels see no floor within reach"]
+    assert "masked whole, as noise hides 99% of their cells or more: 730 to 740 nm" in words
+    joined.masked = np.zeros(3)
+    assert losses({"missed": 2}, joined, 8, bands) == ["2 pixels see no floor within reach"]
 
 
-def test_the_grid_has_a_margin_and_the_map_holds_the_area(found):
+def test_the_grid_has_a_margin_and_the_map_holds_the_area(inputs):
     place, area = np.array([[0.0, 0.0], [2.0, 1.0]]), [[np.array([[-9.0, -9.0], [9.0, 0.0], [0.0, 9.0], [-9.0, -9.0]])]]
-    projection, grid = _laid_out(found, place, area, 5.0)
+    projection, grid = _laid_out(inputs, place, area, 5.0)
     assert (projection.low < -9.0).all() and (projection.high > 9.0).all()
     xy = projection.to_map(place)
     assert (xy.min(0) - [grid.left, grid.top - grid.rows * grid.cell] > 0.045).all()
     assert ([grid.left + grid.columns * grid.cell, grid.top] - xy.max(0) > 0.045).all() and grid.columns < 150
 
 
-def test_the_note_has_all_that_was_asked_for_and_a_hash_of_each_file(found, tmp_path):
+def test_the_note_has_all_that_was_asked_for_and_a_hash_of_each_file(inputs, tmp_path):
     (tmp_path / "control.csv").write_text("x")
     (tmp_path / "smoothed_keys.nc").write_text("x")
-    request = MapRequest(found.lines.path, control=tmp_path / "control.csv")
-    there = Found(tmp_path, None, None, found.lines, request)
+    request = MapRequest(inputs.lines.path, control=tmp_path / "control.csv")
+    there = Inputs(tmp_path, None, None, inputs.lines, request)
     other = {"depth": "depth_m", "heights": "dem_values", "resolution": "resolution_m", "best": "blend"}
     other |= {"turn": "turn_deg_s", "clock_offset": "clock_offset_s", "begin": "from_s", "end": "to_s"}
     names = {other.get(field.name, field.name) for field in fields(MapRequest)} - {"datum"}  # the note has it beside
@@ -133,8 +136,8 @@ def test_the_note_has_all_that_was_asked_for_and_a_hash_of_each_file(found, tmp_
 def test_cells_without_a_colour_are_hatched():
     rgb = np.full((8, 10, 4), 255, np.uint8)
     without = np.zeros((8, 10), bool)
-    plain = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", without), [])
+    plain = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", (0.0, 0.0), without), [])
     without[2:5, 3:6] = True
-    hatched = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", without), [])
+    hatched = figures.picture(figures.Sheet(rgb, 0.0, 0.0, 0.1, "EPSG:32632", (0.0, 0.0), without), [])
     found = [[one for one in shown.axes[0].collections if getattr(one, "hatches", None)] for shown in (plain, hatched)]
     assert not found[0] and len(found[1]) == 1

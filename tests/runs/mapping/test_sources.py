@@ -14,7 +14,7 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
 from rovtwin.imaging.lines_writer import write_lines
 from rovtwin.runs.mapping.request import MapRequest
-from rovtwin.runs.mapping.sources import find
+from rovtwin.runs.mapping.sources import open_inputs
 from rovtwin.runs.recording.channels import ETA, ETA_UNITS
 from rovtwin.scenario.files import dump_scenario, load_scenario
 
@@ -44,14 +44,14 @@ def run_of(folder, datum):
 @pytest.mark.parametrize("given", [None, Datum(59.0, 5.0, 40.0)], ids=["no --datum", "--datum"])
 def test_lines_without_a_datum_are_put_on_the_clock_and_the_origin_of_the_run(tmp_path, given):
     path = file_of(tmp_path, datum=False)
-    with find(run_of(tmp_path, EARLIER), MapRequest(path, datum=given)).lines as lines:
+    with open_inputs(run_of(tmp_path, EARLIER), MapRequest(path, datum=given)).lines as lines:
         assert np.abs(lines.t - (head().t + 10.0)).max() < 1e-6
         assert lines.datum == EARLIER
 
 
 def test_without_a_run_the_clock_counts_from_the_first_line(tmp_path):
     path = file_of(tmp_path, datum=False)
-    with find(None, MapRequest(path, datum=Datum(59.0, 5.0))).lines as lines:
+    with open_inputs(None, MapRequest(path, datum=Datum(59.0, 5.0))).lines as lines:
         assert 0.0 <= lines.t[0] < 1e-3 and np.abs(np.diff(lines.t) - 0.05).max() < 1e-6
         assert lines.datum is not None and lines.datum.utc_start.startswith("2021-06-01T10:00:01")
 
@@ -59,26 +59,26 @@ def test_without_a_run_the_clock_counts_from_the_first_line(tmp_path):
 def test_two_origins_or_two_starts_are_refused(tmp_path):
     path, run = file_of(tmp_path), run_of(tmp_path, EARLIER)
     with pytest.raises(ConfigError, match="Are the lines of another run"):
-        find(run, MapRequest(path))
+        open_inputs(run, MapRequest(path))
     late = Datum(utc_start="2021-06-01T10:00:01Z")
     with pytest.raises(ConfigError, match="Are the lines of another run"):
-        find(run_of(tmp_path, late), MapRequest(path))
+        open_inputs(run_of(tmp_path, late), MapRequest(path))
     with pytest.raises(ConfigError, match="Leave --datum out"):
-        find(None, MapRequest(path, datum=Datum(59.0, 5.0)))
+        open_inputs(None, MapRequest(path, datum=Datum(59.0, 5.0)))
 
 
 def test_unix_stamps_beside_a_log_without_a_start_are_refused(tmp_path):
     path = file_of(tmp_path, datum=False)
     with pytest.raises(LogError, match="utc_start"):
-        find(run_of(tmp_path, None), MapRequest(path, datum=Datum(59.0, 5.0)))
+        open_inputs(run_of(tmp_path, None), MapRequest(path, datum=Datum(59.0, 5.0)))
 
 
 def test_the_first_depth_is_that_of_the_file_of_heights(tmp_path):
     path = file_of(tmp_path, place=DEM_DATUM)
     request = MapRequest(path, floor=str(dem(tmp_path / "dem.tif")))
-    found = find(None, request)
+    found = open_inputs(None, request)
     with found.lines:
         assert found.first_floor().depth == pytest.approx(depth_at(0.23, 0.0), abs=0.02)
-    found = find(None, replace(request, floor="plane"))
+    found = open_inputs(None, replace(request, floor="plane"))
     with found.lines, pytest.raises(ConfigError, match="nobody knows how deep"):
         found.first_floor()

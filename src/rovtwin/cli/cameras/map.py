@@ -74,7 +74,7 @@ def map_lines(
 
     [bold]rovtwin map --lines dive.h5 --floor dem.tif --water fjord.yaml --datum 63.45,10.36 -o mosaic[/bold]
     """
-    from rovtwin.runs.mapping.make import map_run
+    from rovtwin.runs.mapping.checking import check
     from rovtwin.runs.mapping.request import MapRequest
 
     if run is None and (lines is None or out is None):
@@ -92,6 +92,9 @@ def map_lines(
         control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
     )  # fmt: skip
+    check(run, request, out or folder / "mosaic", overwrite)
+    from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before
+
     with progress_bar("{task.percentage:.0f} %") as bar:
         task = bar.add_task("finding", total=None)
         made = map_run(

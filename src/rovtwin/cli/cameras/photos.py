@@ -43,8 +43,9 @@ def photos(
 
     [bold]rovtwin photos runs/dive --pictures DCIM/100GOPRO --clock-offset 2.4 --navigation smoothed -o photos[/bold]
     """
+    from rovtwin.runs.recording.photo_sources import PhotoRequest
     from rovtwin.runs.recording.photo_track import SOURCES
-    from rovtwin.runs.recording.photos import PhotoRequest, photos_of_run
+    from rovtwin.runs.recording.photos import photos_of_run
 
     if navigation not in SOURCES:
         raise ConfigError(f"--navigation: found '{navigation}', expected {', '.join(SOURCES)}")

@@ -59,7 +59,7 @@ def smooth(
         rms = dict(zip(("filter_rms_m", "smoothed_rms_m"), errors, strict=True))
         of_sensors = {name: {"value": value, "std": std} for name, value, std in constants}
         found_out = {"out": str(out), "keys": str(keys), "seconds": float(found.track.t[-1])}
-        emit(found_out | rms | {"constants": of_sensors})
+        emit(found_out | rms | {"constants": of_sensors, "notes": found.remarks()})
         return
     if found.errors is not None:
         for name, (north, east) in zip(("filter", "smoothed"), found.errors, strict=True):
@@ -67,4 +67,6 @@ def smooth(
     for name, value, std in constants:
         scale, unit = (100.0, "%") if name.endswith("scale") else (degrees(1.0), "deg")
         shown.print(f"{name}: {scale * value:+.2f} {unit}, sd {scale * std:.2f}")
+    for remark in found.remarks():
+        shown.print(f"note: {remark}", markup=False, soft_wrap=True)
     shown.print(f"wrote {out}: {found.track.t[-1]:.0f} s", soft_wrap=True)

@@ -31,6 +31,12 @@ def plan_tests(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the multi-sines to choose from.")] = 1,
+    caution: Annotated[
+        float,
+        typer.Option(
+            min=1, max=10, help="Times as much room to walls and to the attitude limit, where a test ended early."
+        ),
+    ] = 1.0,
     out: Annotated[Path, typer.Option("-o", "--out", help="Scenario to write.")] = Path("planned_test.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a figure, .png, .svg or .pdf.")] = None,
     as_json: AsJson = False,
@@ -73,6 +79,7 @@ def plan_tests(
             size,
             bollard=bollard or None,
             seed=seed,
+            caution=caution,
             progress=lambda what, share: bar.update(task, description=what, completed=share),
         )
     write_plan(plan, out)

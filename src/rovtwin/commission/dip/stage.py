@@ -50,11 +50,11 @@ def run(work: Work) -> Outcome:
             lambda: work.may_move(question),
             lambda t, what: work.person.progress(what, min(t / seconds, 1.0)),
         )  # fmt: skip
-        limits = there.link.limits
+        limits, reach = there.link.limits, there.link.reach
     work.at_rest()
     checks = [
         *_ended(flown, work.request.too_busy),
-        *(Check("warning", "commands", f"{one}.", WHOLE) for one in limits),
+        *(Check("stop" if reach < 1.0 else "warning", "commands", f"{one}.", WHOLE) for one in limits),
     ]
     if flown.ended:
         return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))

@@ -91,6 +91,11 @@ def taken_at(exif: Image.Exif, where: str) -> np.datetime64:
     return found
 
 
+def whole_seconds(exif: Image.Exif) -> bool:
+    """Whether the camera states no part of a second."""
+    return not any(c.isdigit() for c in str(exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.SubsecTimeOriginal, "")))
+
+
 def jpeg_of(picture: np.ndarray, quality: int = 95) -> bytes:
     """A picture, RGB, uint8, as JPEG."""
     stream = io.BytesIO()

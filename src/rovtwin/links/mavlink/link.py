@@ -342,7 +342,7 @@ class MavlinkLink(Link):
         self._check_usable()
         if self._steering.unknown:
             raise LinkTimeout(f"mavlink: {self._line.url}: {self._steering.unknown}")
-        self.limits = tuple(self._steering.limits())
+        self.limits, self.reach = tuple(self._steering.limits()), self._steering.reach
         for limit_of_sticks in self.limits:
             logger.warning("mavlink: %s: %s", self._line.url, limit_of_sticks)
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.mapping.alignment.ground_points import CALIBRATION
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.sights import CALIBRATION
 
 LEAST_GAIN = 0.7  # a parameter is found where its standard deviation fell below that share of the one before
 ALIKE = 0.9  # multiple correlation with all others from which on a parameter is not told apart from them,

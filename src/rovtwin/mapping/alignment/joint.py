@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from rovtwin.core.arrays.key_frames import POSE, KeyFrames
 from rovtwin.core.errors import LogError
 from rovtwin.imaging.imager import BORESIGHT_STD, CLOCK_STD, LEVER_STD, Mount
-from rovtwin.mapping.alignment.sights import CALIBRATION, Sights
+from rovtwin.mapping.alignment.ground_points import CALIBRATION, GroundPoints
 from rovtwin.mapping.navigation import Navigation
 
 # Before any overlap is looked at [rad, m, s].
@@ -71,7 +71,7 @@ class JointErrors:
         covariance[:n, :n], covariance[n:, n:] = joint, calibration
         return cls(keys.t[chosen], keys.constants, np.zeros(n + c), covariance)
 
-    def slopes(self, seen: Sights) -> csr_array:
+    def slopes(self, seen: GroundPoints) -> csr_array:
         """Derivative of the points' north and east by the errors, a row each: (2 m, n).
 
         No numbers for points seen before the first key frame or after the last: nothing is known of errors there.

@@ -34,6 +34,7 @@ class Matching:
         distinct: Share of the highest peak that the next one, farther than `apart` cells away, may reach.
         apart: Cells.
         whole: Share of a patch that both strips must see.
+        most: Patches that are tried in all; of more, so many spread evenly: the update takes memory with their square.
         floor: Standard deviation of a tie at its best, in cells: grids, and what floors and pixels are off by.
     """
 
@@ -44,6 +45,7 @@ class Matching:
     distinct: float = 0.9
     apart: int = 5
     whole: float = 0.6
+    most: int = 2000
     floor: float = 0.35
 
 
@@ -52,18 +54,22 @@ USUAL = Matching()
 
 def match_strips(strips: Sequence[Strip], how: Matching = USUAL) -> Ties:
     """Ties between all strips that overlap."""
-    found = [tie for k, one in enumerate(strips) for other in strips[k + 1 :] for tie in _of_pair(one, other, how)]
+    places = [place for k, one in enumerate(strips) for other in strips[k + 1 :] for place in _of_pair(one, other, how)]
+    if len(places) > how.most:
+        places = [places[k] for k in np.linspace(0, len(places) - 1, how.most).astype(int)]
+    found = [tie for one, other, middle, shift in places if (tie := _at(one, other, middle, shift, how)) is not None]
     if not found:
         return Ties(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
     t, pixel, covariance, quality = (np.array(part) for part in zip(*found, strict=True))
     return Ties(t, pixel, covariance, quality)
 
 
+_Place = tuple[Strip, Strip, tuple[int, int], np.ndarray]
 _Tie = tuple[list[float], list[float], Float[np.ndarray, "2 2"], float]
 
 
-def _of_pair(one: Strip, other: Strip, how: Matching) -> list[_Tie]:
-    """Ties along the overlap of two strips, a patch every so often."""
+def _of_pair(one: Strip, other: Strip, how: Matching) -> list[_Place]:
+    """Patches along the overlap of two strips, one every so often."""
     shift = np.rint((other.corner - one.corner) / one.cell).astype(int)  # cells: index in one = index in other + shift
     low = np.maximum(0, shift)
     high = np.minimum(np.array(one.bright.shape), shift + np.array(other.bright.shape))
@@ -74,11 +80,7 @@ def _of_pair(one: Strip, other: Strip, how: Matching) -> list[_Tie]:
     both[window] = (
         one.seen[window] & other.seen[tuple(slice(a - s, b - s) for a, b, s in zip(low, high, shift, strict=True))]
     )
-    ties = []
-    for middle in _middles(both, one.cell, how):
-        if (tie := _at(one, other, middle, shift, how)) is not None:
-            ties.append(tie)
-    return ties
+    return [(one, other, middle, shift) for middle in _middles(both, one.cell, how)]
 
 
 def _middles(both: np.ndarray, cell: float, how: Matching) -> list[tuple[int, int]]:

@@ -40,6 +40,8 @@ class Registration:
         before: Of the used ones, rms of what they measured [m].
         after: And of what is left of it.
         statistics: T of each observation: when it was dropped, else in the end.
+        gate: T beyond which one is dropped.
+        left: What is left of each observation, of those dropped too, north and east [m].
     """
 
     joint: JointErrors
@@ -49,6 +51,8 @@ class Registration:
     before: float
     after: float
     statistics: Float[np.ndarray, " m"]
+    gate: float
+    left: Float[np.ndarray, "m 2"]
 
     @property
     def dropped(self) -> int:
@@ -75,7 +79,8 @@ def register(joint: JointErrors, observed: Observations, false_alarm: float = FA
     S = 0.5 * (S + S.T)
     for k in range(m):
         S[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += observed.R[k]
-    used, statistics = _snooped(S, observed.d, float(chi2.isf(false_alarm, 2)))
+    gate = float(chi2.isf(false_alarm, 2))
+    used, statistics = _snooped(S, observed.d, gate)
     if used.sum() < (1.0 - _MOST_FALSE) * m:
         raise LogError(
             f"registration: {int((~used).sum())} of {m} ties and control points contradict the others and the stated "
@@ -87,7 +92,7 @@ def register(joint: JointErrors, observed: Observations, false_alarm: float = FA
     weighted = cho_solve(factor, d)
     mean, n = HC.T @ weighted, len(d)
     covariance = joint.covariance - HC.T @ cho_solve(factor, HC)
-    left = d - observed.H[rows] @ mean
+    left = observed.d - (observed.H @ mean).reshape(-1, 2)
     low, high = chi2.ppf([0.025, 0.975], n) / n
     return Registration(
         replace(joint, mean=mean, covariance=0.5 * (covariance + covariance.T)),
@@ -95,8 +100,10 @@ def register(joint: JointErrors, observed: Observations, false_alarm: float = FA
         float(d @ weighted) / n,
         (float(low), float(high)),
         float(np.sqrt(np.mean(d**2))),
-        float(np.sqrt(np.mean(left**2))),
+        float(np.sqrt(np.mean(left[used] ** 2))),
         statistics,
+        gate,
+        left,
     )
 
 

@@ -11,6 +11,7 @@ from rovtwin.mapping.navigation import Navigation
 
 SLOWEST_TURN = 0.05  # of the course, above which lines are those of a turn [rad/s]
 SHORTEST = 3.0  # run of lines that is looked at [s]
+LONGEST = 12.0  # way of a run on one grid [m]: grids lie north and east, an oblique run fills little of its own
 _BLOCK = 256  # lines that are placed at once
 
 
@@ -47,6 +48,18 @@ def straight_runs(navigation: Navigation, t: Float[np.ndarray, " line"]) -> list
         return []
     cuts = np.flatnonzero((np.diff(at) > 1) | (np.diff(t[at]) > 1.0)) + 1
     return [run for run in np.split(at, cuts) if t[run[-1]] - t[run[0]] >= SHORTEST]
+
+
+def short_runs(
+    navigation: Navigation, t: Float[np.ndarray, " line"], runs: list[Int[np.ndarray, " n"]]
+) -> list[Int[np.ndarray, " n"]]:
+    """The same lines in runs that are none longer than `LONGEST`."""
+    pieces = []
+    for run in runs:
+        place = navigation.at(t[run]).position[:, :2]
+        way = float(np.nansum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
+        pieces += [piece for piece in np.array_split(run, max(int(np.ceil(way / LONGEST)), 1)) if len(piece)]
+    return pieces
 
 
 def strip_of(

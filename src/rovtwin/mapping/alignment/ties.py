@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from rovtwin.core.errors import LogError
+from rovtwin.mapping.alignment.ground_points import ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.sights import sights
 from rovtwin.mapping.georeference import Georeference
 
 
@@ -60,20 +60,31 @@ class Observations:
         d: What is measured less what the stated poses say [m].
         H: Derivative by the errors.
         R: Covariance of the noise of each pair of rows [m2].
-        place: Where on the floor, north and east [m].
+        ends: North and east [m] where each of the two lines of a tie puts the feature; of a control point where its
+            line does, and where it is.
+        t: Stamps of the two lines [s]; the second of a control point is no number.
+        pixel: In each, likewise.
         names: Of each: `tie 3`, `point A`.
     """
 
     d: Float[np.ndarray, "m 2"]
     H: csr_array
     R: Float[np.ndarray, "m 2 2"]
-    place: Float[np.ndarray, "m 2"]
+    ends: Float[np.ndarray, "m 2 2"]
+    t: Float[np.ndarray, "m 2"]
+    pixel: Float[np.ndarray, "m 2"]
     names: tuple[str, ...]
+
+    @property
+    def place(self) -> Float[np.ndarray, "m 2"]:
+        """Where on the floor, north and east [m]."""
+        return self.ends.mean(axis=1)
 
     def chosen(self, which: Bool[np.ndarray, " m"]) -> "Observations":
         """Some of them."""
         names = tuple(name for name, kept in zip(self.names, which, strict=True) if kept)
-        return Observations(self.d[which], self.H[np.repeat(which, 2)], self.R[which], self.place[which], names)
+        rows = (self.ends[which], self.t[which], self.pixel[which])
+        return Observations(self.d[which], self.H[np.repeat(which, 2)], self.R[which], *rows, names)
 
 
 def observe(
@@ -95,7 +106,7 @@ def observe(
     Raises:
         LogError: A control point is seen by no ray.
     """
-    one, other = (sights(where, ties.t[:, k], ties.pixel[:, k]) for k in range(2))
+    one, other = (ground_points(where, ties.t[:, k], ties.pixel[:, k]) for k in range(2))
     good = one.valid & other.valid & np.isfinite(ties.covariance).all(axis=(1, 2))
     good &= joint.covers(ties.t).all(axis=1)
     f = (one.by_depth - other.by_depth) * depth_std
@@ -104,12 +115,14 @@ def observe(
         other.point[:, :2] - one.point[:, :2],
         csr_array(joint.slopes(one) - joint.slopes(other)),
         R,
-        0.5 * (one.point[:, :2] + other.point[:, :2]),
+        np.stack([one.point[:, :2], other.point[:, :2]], axis=1),
+        ties.t,
+        ties.pixel,
         tuple(f"tie {k}" for k in range(len(good))),
     ).chosen(good)
     if control is None or not len(control.t):
         return found
-    seen = sights(where, control.t, control.pixel)
+    seen = ground_points(where, control.t, control.pixel)
     names = tuple(f"point {name}" for name in control.names) or tuple(f"point {k}" for k in range(len(control.t)))
     if not seen.valid.all():
         lost = [name for name, valid in zip(names, seen.valid, strict=True) if not valid]
@@ -122,12 +135,13 @@ def observe(
         )
     f = seen.by_depth * depth_std
     noise = control.std[:, None, None] ** 2 * np.eye(2) + f[:, :, None] * f[:, None, :]
-    from scipy.sparse import vstack
-
+    none = np.full(len(control.t), np.nan)
     return Observations(
         np.concatenate([found.d, control.place - seen.point[:, :2]]),
         csr_array(vstack([found.H, joint.slopes(seen)])),
         np.concatenate([found.R, noise]),
-        np.concatenate([found.place, seen.point[:, :2]]),
+        np.concatenate([found.ends, np.stack([seen.point[:, :2], control.place], axis=1)]),
+        np.concatenate([found.t, np.column_stack([control.t, none])]),
+        np.concatenate([found.pixel, np.column_stack([control.pixel, none])]),
         found.names + names,
     )

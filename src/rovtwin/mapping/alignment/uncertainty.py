@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
 
+from rovtwin.mapping.alignment.ground_points import GroundPoints
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.sights import Sights
 
 _AT_ONCE = 4000  # points
 
@@ -38,7 +38,10 @@ class PointUncertainty:
 
 
 def point_uncertainty(
-    joint: JointErrors, seen: Sights, depth_std: float | Float[np.ndarray, " m"] = 0.0, mosaic: Sights | None = None
+    joint: JointErrors,
+    seen: GroundPoints,
+    depth_std: float | Float[np.ndarray, " m"] = 0.0,
+    mosaic: GroundPoints | None = None,
 ) -> PointUncertainty:
     """Of points seen; no numbers for those beyond the key frames, which do not count in the mosaic's mean either.
 
@@ -64,7 +67,7 @@ def point_uncertainty(
     return PointUncertainty(absolute, within, common)
 
 
-def mean_slope(joint: JointErrors, mosaic: Sights) -> Float[np.ndarray, "2 n"]:
+def mean_slope(joint: JointErrors, mosaic: GroundPoints) -> Float[np.ndarray, "2 n"]:
     """M: derivative of the mean error of a mosaic's points."""
     known = joint.covers(mosaic.t)
     J, count = joint.slopes(mosaic)[np.repeat(known, 2)], max(int((mosaic.valid & known).sum()), 1)

@@ -5,14 +5,18 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rovtwin.mapping.cells.gridding import LAYERS, Grid, Part, Parts, gridded, masked_layers
-from rovtwin.mapping.cells.radiometry import Calibrated, masked
+from rovtwin.mapping.cells.grid import Grid
+from rovtwin.mapping.cells.gridding import LAYERS, Part, gridded
+from rovtwin.mapping.cells.masking import AROUND, masked, without_signal
+from rovtwin.mapping.cells.parts import Parts, masked_layers
+from rovtwin.mapping.cells.radiometry import Calibrated
 from rovtwin.mapping.formats.colours import colour_bands
-from rovtwin.mapping.formats.envi import EnviCube
+from rovtwin.mapping.formats.envi import NO_DATA, EnviCube, opened
 from rovtwin.mapping.georeference import Georeference, Located
 from rovtwin.mapping.projection import Projection
 
@@ -74,6 +78,7 @@ class Job:
         cell[~located.valid | ~use[:, None]] = -1
         weight = np.where(located.valid, np.maximum(located.cosine, 0.0) / np.square(located.way), 0.0)
         weight[(cube >= self.calibrated.lines.saturation).any(axis=-1)] *= _FULL  # other lines may have seen it
+        numbers = cube.size if self.calibrated.lines.counts else int(np.isfinite(cube).sum())
         value, variance, full = self.calibrated.values(cube, first, located)
         layers = [
             located.way,
@@ -88,7 +93,7 @@ class Job:
         bands = value.shape[-1]
         made = gridded(cell.ravel(), weight.ravel(), flat, value.reshape(-1, bands), variance.reshape(-1, bands))
         missed = int((~located.valid & use[:, None]).sum())
-        return made, {"saturated": full, "missed": missed, "samples": int(value.size)}
+        return made, {"saturated": full, "missed": missed, "no_number": value.size - numbers, "samples": value.size}
 
 
 def make_parts(job: Job, parts: Parts, progress: Callable[[int, int], None] | None = None) -> int:
@@ -134,7 +139,7 @@ class Joined:
         rgb: Means of the bands of red, green and blue.
         seen: Cells with a value.
         direct: Those into which a pixel fell; the others lie between two lines and were filled.
-        masked: Share of the seen cells in which a band is masked by its noise, by band.
+        masked: Share of the seen cells in which a band is masked by its noise, by band; 1 where it is masked whole.
     """
 
     layers: dict[str, tuple[Float[np.ndarray, "row column"], str]]
@@ -156,28 +161,60 @@ def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float
     shown = int(np.argmin(np.abs(lines.wavelengths - _SHOWN)))
     layers = np.full((grid.rows, grid.columns, len(names) + 2), np.nan, np.float32)
     rgb, dropped = np.full((grid.rows, grid.columns, 3), np.nan, np.float32), np.zeros(bands)
+    masking = job.calibrated.has_noise and job.calibrated.correction.model is not None
     cube = EnviCube(cube_path, grid, lines.wavelengths, lines.fwhm, what)
     try:
-        for row, part in parts.joined(job.numbers, grid, bands, len(names), job.best):
-            seen, sigma = part.weight > 0, np.sqrt(part.variance)
-            value = part.value
+        blocks = parts.joined(job.numbers, grid, bands, len(names), job.best, AROUND // 2 if masking else 0)
+        for rows, own, wide in blocks:
+            hidden = _hidden(wide, grid.columns, smallest_snr)[own] if masking else None
+            part = wide.some(own)
+            seen, value = part.weight > 0, part.value
             value[~seen] = np.nan
-            if job.calibrated.has_noise and job.calibrated.correction.model is not None:
-                wide = (-1, grid.columns, bands)
-                cells = (value.reshape(wide), sigma.reshape(wide), seen.reshape(wide[:2]))
-                hidden = masked(*cells, smallest_snr).reshape(value.shape)
+            if hidden is not None:
                 dropped += hidden[seen].sum(axis=0)
                 value[hidden] = np.nan
             cube.append(value.reshape(-1, grid.columns, bands))
-            rows = slice(row, row + len(value) // grid.columns)
-            rgb[rows] = np.stack([_known_mean(value[:, c]) for c in colours], axis=-1).reshape(-1, grid.columns, 3)
-            layers[rows] = masked_layers(part, sigma[:, shown], grid.columns)
+            at = slice(rows.start, rows.stop)
+            rgb[at] = _colours(value.reshape(-1, grid.columns, bands), colours)
+            layers[at] = masked_layers(part, np.sqrt(part.variance[:, shown]), grid.columns)
     finally:
         cube.close()
     seen, direct = np.isfinite(layers[..., 0]), np.nan_to_num(layers[..., -2]) > 0
-    units = job.units()
+    units, share = job.units(), dropped / max(int(seen.sum()), 1)
+    _mask_whole(cube_path, (grid.rows, grid.columns, bands), without_signal(share), rgb, colours)
+    share[without_signal(share)] = 1.0
     named = {name: (layers[..., k], units[name]) for k, name in enumerate([*names, "coverage", "noise"])}
-    return Joined(named, rgb, seen, direct, dropped / max(int(seen.sum()), 1))
+    return Joined(named, rgb, seen, direct, share)
+
+
+def _hidden(part: Part, columns: int, smallest_snr: float) -> Bool[np.ndarray, "cell band"]:
+    """Where noise hides the bands of a dense part."""
+    wide = (-1, columns, part.value.shape[1])
+    seen = (part.weight > 0).reshape(wide[:2])
+    return masked(part.value.reshape(wide), np.sqrt(part.variance).reshape(wide), seen, smallest_snr).reshape(
+        part.value.shape
+    )
+
+
+def _mask_whole(
+    cube_path: Path, shape: tuple[int, int, int], bands: Bool[np.ndarray, " band"], rgb: np.ndarray, colours: Any
+) -> None:
+    """Take bands out of the cube that is written, and out of the picture."""
+    if not bands.any():
+        return
+    cube = opened(cube_path, shape, "r+")
+    cube[:, bands] = NO_DATA
+    cube.flush()
+    if bands[np.concatenate(colours)].any():
+        for row in range(shape[0]):
+            values = np.moveaxis(np.array(cube[row : row + 1]), 1, -1)
+            rgb[row] = _colours(np.where(values == np.float32(NO_DATA), np.float32(np.nan), values), colours)[0]
+
+
+def _colours(value: Float[np.ndarray, "row column band"], colours: Any) -> Float[np.ndarray, "row column 3"]:
+    """Means of the bands of red, green and blue."""
+    flat = value.reshape(-1, value.shape[-1])
+    return np.stack([_known_mean(flat[:, c]) for c in colours], axis=-1).reshape(*value.shape[:2], 3)
 
 
 def _known_mean(values: Float[np.ndarray, "n band"]) -> Float[np.ndarray, " n"]:

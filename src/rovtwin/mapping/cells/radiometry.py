@@ -12,19 +12,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.ndimage import uniform_filter
+from jaxtyping import Float, Int
 
 from rovtwin.imaging.floor import FloorHits
 from rovtwin.imaging.imager import Imager
 from rovtwin.imaging.lines import LinesFile
 from rovtwin.imaging.radiance import Radiometry
 from rovtwin.imaging.spectra.water import SpectralWater
+from rovtwin.mapping.cells.masking import DARKEST
 from rovtwin.mapping.georeference import Located
 
-_AROUND = 11  # cells a side over which signal and noise are averaged before a band is masked
 _EVERY = 8  # pixels from one whose gain is computed to the next; linear between, off by less than 1e-4
-DARKEST = 0.05  # reflectance below which a band is not masked because the floor is dark
 
 
 @dataclass(frozen=True)
@@ -233,27 +231,3 @@ def lowered(located: Located, by: float) -> Located:
     longer = by * np.abs(along[..., 2] / np.linalg.norm(along, axis=-1)) ** -1 if by else 0.0
     far = np.linalg.norm(along, axis=-1)
     return replace(located, way=located.way + longer, point=located.point + along * (longer / far)[..., None])
-
-
-def masked(
-    value: Float[np.ndarray, "row column band"],
-    sigma: Float[np.ndarray, "row column band"],
-    seen: Bool[np.ndarray, "row column"],
-    smallest: float,
-) -> Bool[np.ndarray, "row column band"]:
-    """Where noise is too much for a signal: sigma above 1 / `smallest` of the value, or of `DARKEST` if that is more.
-
-    A dark floor in good light is no reason to mask. Nor is a value that noise made small while its neighbours are
-    kept: what is left would be brighter than what is there. So both are means over the cells about each.
-    """
-    hidden = sigma * smallest > np.maximum(np.abs(value), DARKEST)
-    some = max(int(seen.sum()), 1)
-    share = (hidden & seen[..., None]).sum(axis=(0, 1)) / some
-    weight = uniform_filter(seen.astype(np.float32), _AROUND)
-    for band in np.flatnonzero((share > 0.001) & (share < 0.999)):
-        near, far = (
-            uniform_filter(np.where(seen, np.nan_to_num(x[..., band]), 0.0), _AROUND) / np.maximum(weight, 1e-6)
-            for x in (value, sigma)
-        )
-        hidden[..., band] = far * smallest > np.maximum(np.abs(near), DARKEST)
-    return hidden

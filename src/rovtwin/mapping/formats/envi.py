@@ -1,16 +1,19 @@
-"""ENVI: a cube of numbers line by line (BIL) and a header of text, which GDAL, QGIS, ENVI and SPy read.
+"""ENVI: a cube of numbers line by line (BIL) or a map of classes, with a header of text.
 
-Reference: L3Harris, ENVI Header Files: fields of the header. `coordinate system string` is WKT as ESRI writes it.
+GDAL, QGIS, ENVI and SPy read them. Reference: L3Harris, ENVI Header Files: fields of the header.
+ `coordinate system string` is WKT as ESRI writes it.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 
 NO_DATA = -9999.0
 
@@ -24,6 +27,65 @@ def header(grid: Grid, wavelengths: Float[np.ndarray, " band"], fwhm: Float[np.n
         fwhm: Of the bands [nm].
         what: It holds.
     """
+    return _text(
+        grid,
+        {
+            "description": "{ " + what + " }",
+            "bands": len(wavelengths),
+            "file type": "ENVI Standard",
+            "data type": 4,
+            "interleave": "bil",
+            "data ignore value": f"{NO_DATA:g}",
+            "wavelength units": "Nanometers",
+            "wavelength": _row(wavelengths),
+            "fwhm": _row(fwhm),
+            "band names": "{ " + ", ".join(f"{w:.1f} nm" for w in wavelengths) + " }",
+        },
+    )
+
+
+def write_classes(
+    path: Path,
+    grid: Grid,
+    value: UInt8[np.ndarray, "row column"],
+    names: Sequence[str],
+    colours: Sequence[tuple[int, int, int]],
+    no_data: int,
+) -> Path:
+    """A map of classes, one byte a cell, with header.
+
+    Args:
+        path: Of the numbers, by custom with the ending `.img`.
+        grid: Where the cells lie.
+        value: Numbers of the classes.
+        names: Of them, from 0 on.
+        colours: Of them.
+        no_data: Of cells without a class.
+
+    Raises:
+        LogError: It cannot be written.
+    """
+    lookup = ", ".join(str(part) for colour in colours for part in colour)
+    fields = {
+        "bands": 1,
+        "file type": "ENVI Classification",
+        "data type": 1,
+        "interleave": "bsq",
+        "data ignore value": no_data,
+        "classes": len(names),
+        "class names": "{ " + ", ".join(name.replace(",", ";") for name in names) + " }",
+        "class lookup": "{ " + lookup + " }",
+    }
+    try:
+        value.tofile(path)
+        write_text(path.with_suffix(".hdr"), _text(grid, fields))
+    except OSError as error:
+        raise write_error(path, error) from error
+    return path
+
+
+def _text(grid: Grid, fields: Mapping[str, object]) -> str:
+    """Of a header: size, order and place of the cells, and other fields."""
     name = "Arbitrary"
     info = [name, "1", "1", f"{grid.left:.6f}", f"{grid.top:.6f}", f"{grid.cell:.9g}", f"{grid.cell:.9g}"]
     code = grid.crs.to_epsg() or 0
@@ -31,25 +93,15 @@ def header(grid: Grid, wavelengths: Float[np.ndarray, " band"], fwhm: Float[np.n
         info[0] = "UTM"
         info += [str(code % 100), "North" if code < 32700 else "South"]
     info += ["WGS-84", "units=Meters"] if info[0] == "UTM" else ["units=Meters"]
-    fields = {
-        "description": "{ " + what + " }",
+    place = {
         "samples": grid.columns,
         "lines": grid.rows,
-        "bands": len(wavelengths),
         "header offset": 0,
-        "file type": "ENVI Standard",
-        "data type": 4,
-        "interleave": "bil",
         "byte order": 0,
-        "data ignore value": f"{NO_DATA:g}",
         "map info": "{ " + ", ".join(info) + " }",
         "coordinate system string": "{ " + grid.crs.to_wkt(version="WKT1_ESRI") + " }",
-        "wavelength units": "Nanometers",
-        "wavelength": _row(wavelengths),
-        "fwhm": _row(fwhm),
-        "band names": "{ " + ", ".join(f"{w:.1f} nm" for w in wavelengths) + " }",
     }
-    return "ENVI\n" + "".join(f"{key} = {value}\n" for key, value in fields.items())
+    return "ENVI\n" + "".join(f"{key} = {value}\n" for key, value in {**place, **fields}.items())
 
 
 def _row(values: Float[np.ndarray, " band"]) -> str:
@@ -102,7 +154,7 @@ class EnviCube:
         self._stream.close()
 
 
-def opened(path: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """A cube of this module as it lies on the disk, (row, band, column), read as it is looked at."""
+def opened(path: Path, shape: tuple[int, int, int], mode: Literal["r", "r+"] = "r") -> np.memmap:
+    """A cube of this module as it lies on the disk, (row, band, column), read as it is looked at; r+: and written."""
     rows, columns, bands = shape
-    return np.memmap(path, "<f4", "r", shape=(rows, bands, columns))
+    return np.memmap(path, "<f4", mode, shape=(rows, bands, columns))

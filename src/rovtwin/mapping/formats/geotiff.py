@@ -3,15 +3,17 @@
 Wavelengths stand twice, as GDAL 3.10 and later has them (domain IMAGERY, in um) and as QGIS and EnMAP-Box read them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from rovtwin.core.log.files import atomic
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.core.log.files import atomic, write_error
+from rovtwin.core.user_files.files import write_text
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.projection import rasterio
 
 _ROWS = 256
@@ -48,6 +50,60 @@ def write_layers(
 
     block = np.stack([layer for layer, _ in layers.values()]).astype(np.float32)
     return _written(path, grid, len(layers), "float32", [(0, block)], {"nodata": np.nan, "predictor": 3}, named)
+
+
+def write_classes(
+    path: Path,
+    grid: Grid,
+    value: UInt8[np.ndarray, "row column"],
+    names: Sequence[str],
+    colours: Sequence[tuple[int, int, int]],
+    no_data: int,
+) -> Path:
+    """A map of classes, one byte a cell, with a table of colours; names lie beside it, as GDAL looks for them.
+
+    Args:
+        path: Of the file; names and colours go to `path.aux.xml`, as category names and as attribute table.
+        grid: Where the cells lie.
+        value: Numbers of the classes.
+        names: Of them, from 0 on.
+        colours: Of them.
+        no_data: Of cells without a class.
+
+    Raises:
+        LogError: It cannot be written.
+    """
+    table = {k: (*colour, 255) for k, colour in enumerate(colours)}
+    profile = {"nodata": no_data, "overview_resampling": "mode"}
+    blocks = [(0, value[None])]
+    _written(path, grid, 1, "uint8", blocks, profile, lambda file: file.write_colormap(1, table))
+    beside = path.with_name(f"{path.name}.aux.xml")
+    try:
+        write_text(beside, _categories(names, colours))
+    except OSError as error:
+        raise write_error(beside, error) from error
+    return path
+
+
+def _categories(names: Sequence[str], colours: Sequence[tuple[int, int, int]]) -> str:
+    """GDAL's PAM: category names, and an attribute table (usage: 5 value, 2 name, 6 to 8 colours)."""
+    root = Element("PAMDataset")
+    band = SubElement(root, "PAMRasterBand", band="1")
+    listed = SubElement(band, "CategoryNames")
+    table = SubElement(band, "GDALRasterAttributeTable", tableType="thematic")
+    for k, (name, kind, usage) in enumerate(
+        (("Value", 0, 5), ("Class", 2, 2), ("Red", 0, 6), ("Green", 0, 7), ("Blue", 0, 8))
+    ):
+        field = SubElement(table, "FieldDefn", index=str(k))
+        for tag, text in (("Name", name), ("Type", kind), ("Usage", usage)):
+            SubElement(field, tag).text = str(text)
+    for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
+        SubElement(listed, "Category").text = name
+        row = SubElement(table, "Row", index=str(k))
+        for cell in (k, name, *colour):
+            SubElement(row, "F").text = str(cell)
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"
 
 
 def write_cube(
@@ -97,7 +153,7 @@ def _written(
     if bands > 4:
         base |= {"interleave": "band"}
     plain = path.with_name(f".{path.name}.plain.tif")
-    more = {"predictor": profile["predictor"]} if "predictor" in profile else {}
+    more = {name: profile[name] for name in ("predictor", "overview_resampling") if name in profile}
     try:
         with atomic(path, True) as temporary:
             try:
@@ -105,7 +161,7 @@ def _written(
                     for row, block in blocks:
                         file.write(block, window=rio.windows.Window(0, row, grid.columns, block.shape[1]))
                     dress(file)
-                copy(plain, temporary, **_COG, **more)
+                copy(plain, temporary, **_COG | more)
             except rio.errors.RasterioError as error:
                 raise OSError(str(error)) from error
     finally:

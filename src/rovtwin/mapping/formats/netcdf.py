@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.core.log.files import atomic
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 
 _ROWS = 64
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from rovtwin.core.datum import Datum
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.navigation import Navigation
 from rovtwin.mapping.projection import Projection
 
@@ -63,9 +63,19 @@ def _area(rings: list[Any]) -> float:
 
 def point(datum: Datum, position: Float[np.ndarray, "3"], **properties: Any) -> dict[str, Any]:
     """A feature at a place in n [m]."""
-    latitude, longitude, _ = datum.geodetic(position)
-    where = {"type": "Point", "coordinates": [round(float(longitude), 9), round(float(latitude), 9)]}
+    where = {"type": "Point", "coordinates": _coordinates(datum, position)}
     return {"type": "Feature", "properties": properties, "geometry": where}
+
+
+def line(datum: Datum, positions: Float[np.ndarray, "k 3"], **properties: Any) -> dict[str, Any]:
+    """A feature along places in n [m]."""
+    where = {"type": "LineString", "coordinates": [_coordinates(datum, position) for position in positions]}
+    return {"type": "Feature", "properties": properties, "geometry": where}
+
+
+def _coordinates(datum: Datum, position: Float[np.ndarray, "3"]) -> list[float]:
+    latitude, longitude, _ = datum.geodetic(position)
+    return [round(float(longitude), 10), round(float(latitude), 10)]
 
 
 def write_immersion(

@@ -19,7 +19,7 @@ def changes(sheet: Sheet, places: Sequence[tuple[float, float]], radii: Sequence
 
     Args:
         sheet: The first mosaic.
-        places: Middles, from the sheet's lower left corner [m].
+        places: Middles, x and y of the sheet's axes [m].
         radii: Of the rings [m].
     """
     figure = new_figure(height=sheet_height(sheet, 7.0))
@@ -34,9 +34,8 @@ def changes(sheet: Sheet, places: Sequence[tuple[float, float]], radii: Sequence
             fontsize=SMALL, color="white",
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "#00000099", "edgecolor": "none"},
         )  # fmt: skip
-    wide, high = sheet.size
-    axes.set(xlim=(0.0, wide), ylim=(0.0, high))
-    note(axes, f"from x {sheet.left:.2f}, y {sheet.bottom:.2f} of {sheet.crs}; cells of {100 * sheet.cell:g} cm")
+    axes.set(xlim=sheet.extent[:2], ylim=sheet.extent[2:])
+    note(axes, sheet.about())
     return figure
 
 
@@ -74,7 +73,8 @@ def difference(
     rows, columns = step // 2 + step * rows, step // 2 + step * columns
     there = shift[rows, columns] - middle
     right.quiver(
-        (columns + 0.5) * sheet.cell, high - (rows + 0.5) * sheet.cell, *there.T, color="white", width=0.004,
+        sheet.extent[0] + (columns + 0.5) * sheet.cell, sheet.extent[3] - (rows + 0.5) * sheet.cell, *there.T,
+        color="white", width=0.004,
         pivot="middle",
     )  # fmt: skip
     right.set_title("shift less its mean [mm]", fontsize=SMALL, loc="left", pad=3)

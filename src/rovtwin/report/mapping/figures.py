@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovtwin.report.parts.style import BLACK, ORANGE, SMALL, TINY, dress, new_figure, note, series_colours
+from rovtwin.report.parts.style import BLACK, ORANGE, SMALL, TINY, YELLOW, dress, new_figure, note, series_colours
 
 _MOST = 1400  # cells a side that a figure shows
 
@@ -24,6 +24,7 @@ class Sheet:
         bottom: y of its southern edge [m].
         cell: Side of a cell [m].
         crs: Name of the map's system.
+        origin: x and y of the run's datum, from which axes count [m].
         without: Cells that were seen and have no colour; None: none.
     """
 
@@ -32,12 +33,24 @@ class Sheet:
     bottom: float
     cell: float
     crs: str
+    origin: tuple[float, float]
     without: Bool[np.ndarray, "row column"] | None = None
 
     @property
     def size(self) -> tuple[float, float]:
         """Width and height [m]."""
         return self.rgb.shape[1] * self.cell, self.rgb.shape[0] * self.cell
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top from the datum [m]."""
+        left, bottom = self.left - self.origin[0], self.bottom - self.origin[1]
+        return left, left + self.size[0], bottom, bottom + self.size[1]
+
+    def about(self) -> str:
+        """What axes count from."""
+        x, y = self.origin
+        return f"from x {x:.2f}, y {y:.2f} (datum) along the axes of {self.crs}; cells of {100 * self.cell:g} cm"
 
 
 @dataclass(frozen=True)
@@ -46,7 +59,7 @@ class Spectrum:
 
     Attributes:
         name: For people.
-        at: x and y on the sheet, from its lower left corner [m].
+        at: x and y of the sheet's axes, from the datum [m].
         value: By band.
         spread: Standard deviation over its cells.
         truth: None where nobody knows it.
@@ -65,10 +78,9 @@ def _thin(image: np.ndarray) -> np.ndarray:
 
 
 def lay(axes: Axes, sheet: Sheet, image: np.ndarray, **given: Any) -> Any:
-    """An image over the sheet, in metres from its lower left corner."""
-    wide, high = sheet.size
-    shown = axes.imshow(_thin(image), extent=(0.0, wide, 0.0, high), interpolation="nearest", **given)
-    dress(axes, "North [m]", "East [m]")
+    """An image over the sheet, in metres from the datum along the map's axes."""
+    shown = axes.imshow(_thin(image), extent=sheet.extent, interpolation="nearest", **given)
+    dress(axes, "Map north [m]", "Map east [m]")
     axes.grid(False)
     axes.set_aspect("equal")
     return shown
@@ -78,10 +90,8 @@ def _hatch(axes: Axes, sheet: Sheet) -> None:
     """Cells without a colour."""
     if sheet.without is None or not sheet.without.any() or min(sheet.without.shape) < 2:
         return
-    wide, high = sheet.size
     there = _thin(sheet.without).astype(float)
-    extent = (0.0, wide, 0.0, high)
-    axes.contourf(there, [0.5, 1.5], colors="none", hatches=["//////"], extent=extent, origin="upper")
+    axes.contourf(there, [0.5, 1.5], colors="none", hatches=["//////"], extent=sheet.extent, origin="upper")
 
 
 def sheet_height(sheet: Sheet, width: float, most: float = 8.0) -> float:
@@ -90,29 +100,68 @@ def sheet_height(sheet: Sheet, width: float, most: float = 8.0) -> float:
     return float(np.clip(width * high / wide + 0.7, 2.2, most))
 
 
-def picture(sheet: Sheet, spectra: Sequence[Spectrum], ways: Sequence[Float[np.ndarray, "k 2"]] = ()) -> Figure:
-    """In colours, with the places whose spectra are shown, and the vehicle's way."""
+@dataclass(frozen=True)
+class Plan:
+    """What was to be seen, and what was not; x and y of the map [m].
+
+    Attributes:
+        outlines: Rings of the area that was asked for; none where the hull of what was seen counts.
+        gaps: Cells that were not seen, from the north-western corner.
+        extent: Left, right, bottom, top of these.
+    """
+
+    outlines: Sequence[Float[np.ndarray, "k 2"]]
+    gaps: Bool[np.ndarray, "row column"]
+    extent: tuple[float, float, float, float]
+
+
+def picture(
+    sheet: Sheet,
+    spectra: Sequence[Spectrum],
+    ways: Sequence[Float[np.ndarray, "k 2"]] = (),
+    plan: Plan | None = None,
+) -> Figure:
+    """In colours, with the places whose spectra are shown, the vehicle's way, the area and its gaps."""
     figure = new_figure(height=sheet_height(sheet, 7.0))
     axes = figure.subplots()
     axes.set_facecolor("#dfe5ea")
     lay(axes, sheet, sheet.rgb)
     _hatch(axes, sheet)
     for way in ways:
-        axes.plot(*(np.asarray(way) - [sheet.left, sheet.bottom]).T, color="white", linewidth=0.7, alpha=0.55)
+        axes.plot(*(np.asarray(way) - sheet.origin).T, color="white", linewidth=0.7, alpha=0.55)
     for colour, one in zip(series_colours(len(spectra)), spectra, strict=True):
         axes.plot(*one.at, marker="o", markersize=5.5, markerfacecolor=colour, markeredgecolor="white", linestyle="")
         axes.annotate(
             one.name, one.at, (5, 4), textcoords="offset points", fontsize=SMALL, color="white",
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "#00000099", "edgecolor": "none"},
         )  # fmt: skip
-    wide, high = sheet.size
-    axes.set(xlim=(0.0, wide), ylim=(0.0, high))
-    note(axes, f"from x {sheet.left:.2f}, y {sheet.bottom:.2f} of {sheet.crs}; cells of {100 * sheet.cell:g} cm")
+    low, high = np.array(sheet.extent[::2]), np.array(sheet.extent[1::2])
+    if plan is not None:
+        _draw_plan(axes, sheet, plan)
+        corners = [ring - sheet.origin for ring in plan.outlines]
+        low, high = np.min([low, *(c.min(0) for c in corners)], 0), np.max([high, *(c.max(0) for c in corners)], 0)
+        low, high = low - 0.01 * (high - low), high + 0.01 * (high - low)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    note(axes, sheet.about())
     return figure
 
 
-def layers(sheet: Sheet, shown: Mapping[str, tuple[Float[np.ndarray, "row column"], str]]) -> Figure:
-    """Coverage, range, standard deviations: a panel each."""
+def _draw_plan(axes: Axes, sheet: Sheet, plan: Plan) -> None:
+    x, y = sheet.origin
+    extent = (plan.extent[0] - x, plan.extent[1] - x, plan.extent[2] - y, plan.extent[3] - y)
+    colour = np.zeros((*_thin(plan.gaps).shape, 4))
+    colour[_thin(plan.gaps)] = [0.835, 0.369, 0.0, 0.75]  # ORANGE
+    axes.imshow(colour, extent=extent, interpolation="nearest", zorder=1.5)
+    for ring in plan.outlines:
+        axes.plot(*(ring - sheet.origin).T, color=YELLOW, linewidth=1.4, linestyle=(0, (5, 2)))
+
+
+def layers(
+    sheet: Sheet,
+    shown: Mapping[str, tuple[Float[np.ndarray, "row column"], str]],
+    span: tuple[float, float] | None = None,
+) -> Figure:
+    """Coverage, range, standard deviations: a panel each, its colours over what it has but for outliers, or a span."""
     wide, high = sheet.size
     columns = 3 if high > 1.3 * wide else 2
     rows = -(-len(shown) // columns)
@@ -120,7 +169,7 @@ def layers(sheet: Sheet, shown: Mapping[str, tuple[Float[np.ndarray, "row column
     panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axes, (name, (layer, unit)) in zip(panels, shown.items(), strict=False):
         known = layer[np.isfinite(layer)]
-        low, high = np.percentile(known, [1.0, 99.0]) if len(known) else (0.0, 1.0)
+        low, high = span or (np.percentile(known, [1.0, 99.0]) if len(known) else (0.0, 1.0))
         colours = "magma" if name.startswith(("sigma", "noise")) else "viridis"
         axes.set_facecolor("#eef1f3")
         image = lay(axes, sheet, layer, cmap=colours, vmin=low, vmax=max(high, low + 1e-9))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from rovtwin.report.mapping.viewer import Viewer
 from rovtwin.report.parts.page import Picture, write_page
 from rovtwin.report.parts.tables import Table
 
@@ -14,6 +15,7 @@ def write_map_page(
     remarks: Sequence[str],
     pictures: Sequence[Picture],
     files: Mapping[str, str],
+    viewer: Viewer | None = None,
 ) -> Path:
     """Write `report.html`.
 
@@ -24,8 +26,10 @@ def write_map_page(
         remarks: Sentences for people.
         pictures: In order, saved into the folder.
         files: By name, what each is.
+        viewer: Spectra that are shown where one clicks.
     """
     return write_page(
         folder / "report.html", "mosaic.html.j2", title=title, table=table, remarks=remarks, pictures=pictures,
-        files=files,
+        files=files, viewer=None if viewer is None else viewer.data(),
+        canvas=(1, 1) if viewer is None else viewer.picture_size,
     )  # fmt: skip

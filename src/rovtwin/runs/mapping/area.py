@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rovtwin.core.datum import Datum
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.projection import Projection
 from rovtwin.survey.area import read_area
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
 from rovtwin.mapping.change.detect import TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement
@@ -170,20 +170,13 @@ def _usable(first: Mosaic, second: Mosaic) -> tuple[Bool[np.ndarray, " band"], s
             f"{second.folder}: its bands differ from those of {first.folder} by more than 1 nm: mosaics of one imager "
             "are compared"
         )
-    shares = [_share_known(one) for one in (first, second)]
+    shares = [one.share_known() for one in (first, second)]
     usable = (w >= FIRST) & (w <= LAST) & (np.minimum(*shares) > 0.9)
     if not usable.any():
         raise ConfigError(
             f"{second.folder}: has no band between {FIRST:g} and {LAST:g} nm in common with {first.folder}"
         )
     return usable, f"compared in {usable.sum()} bands between {w[usable][0]:.0f} and {w[usable][-1]:.0f} nm"
-
-
-def _share_known(one: Mosaic) -> Float[np.ndarray, " band"]:
-    """Of the cells that have any number, by band."""
-    some = np.asarray(one.cube[:: max(one.shape[0] // 50, 1)]) != np.float32(NO_DATA)
-    seen = some.any(axis=1)
-    return np.moveaxis(some, 1, 2)[seen].mean(axis=0) if seen.any() else np.zeros(one.shape[2])
 
 
 def _channels(one: Mosaic, rows: slice, columns: slice, usable: Bool[np.ndarray, " band"]) -> Channels:

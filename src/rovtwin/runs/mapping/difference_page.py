@@ -1,10 +1,13 @@
 """The page of what changed between two mosaics."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import LogError
+from rovtwin.mapping.projection import project
 from rovtwin.report.mapping import change as figures
 from rovtwin.report.mapping.figures import Sheet
 from rovtwin.report.mapping.page import write_map_page
@@ -35,7 +38,8 @@ _MOST = 60  # changes that the table lists
 def write_change_page(folder: Path, found: Difference, first: Mosaic, second: Mosaic) -> Path:
     """Write `report.html` and its figures."""
     grid, sheet = found.grid, _sheet(found, first)
-    places = [((one.place[1] + 0.5) * grid.cell, (grid.rows - one.place[0] - 0.5) * grid.cell) for one in found.things]
+    left, _, _, top = sheet.extent
+    places = [(left + (one.place[1] + 0.5) * grid.cell, top - (one.place[0] + 0.5) * grid.cell) for one in found.things]
     radii = [0.75 * max(*one.size, 0.1) for one in found.things]
     shift = np.stack([found.moved.shift[:, :, 1], -found.moved.shift[:, :, 0]], axis=2) * grid.cell
     brightness = np.expm1(found.test.difference.mean(axis=2))
@@ -53,7 +57,7 @@ def write_change_page(folder: Path, found: Difference, first: Mosaic, second: Mo
     rows = [[_LABELS[name], _shown(value)] for name, value in found.figures.items()]
     rows += [
         [
-            f"{number}: x {grid.left + x:.2f}, y {grid.top - grid.rows * grid.cell + y:.2f}",
+            f"{number}: x {sheet.origin[0] + x:.2f}, y {sheet.origin[1] + y:.2f}",
             f"{100 * one.contrast.mean():+.0f} ± {100 * 2.0 * one.sd:.0f} %, {1e4 * one.area:.0f} cm2",
         ]
         for number, (one, (x, y)) in enumerate(zip(found.things, places, strict=True), start=1)
@@ -77,7 +81,9 @@ def _sheet(found: Difference, first: Mosaic) -> Sheet:
     except rasterio.RasterioIOError as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
     part = rgb[row : row + grid.rows, column : column + grid.columns]
-    return Sheet(part, grid.left, grid.top - grid.rows * grid.cell, grid.cell, str(grid.crs))
+    bottom, datum = grid.top - grid.rows * grid.cell, datum_of({"datum": json.dumps(first.about.get("datum", ""))})
+    x, y = (grid.left, bottom) if datum is None else project(datum, grid.crs, np.zeros((1, 3)))[0].tolist()
+    return Sheet(part, grid.left, bottom, grid.cell, str(grid.crs), (x, y))
 
 
 def _shown(value: object) -> str:

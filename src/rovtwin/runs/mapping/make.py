@@ -19,32 +19,33 @@ from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.imaging.files import imager_as_data
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.cells.gridding import Grid, Parts
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.cells.mosaic import Job, join, make_parts
+from rovtwin.mapping.cells.parts import Parts
 from rovtwin.mapping.cells.radiometry import Budget, Calibrated, Correction, Unsure, budget
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.mapping.projection import Projection, crs_of, rasterio, utm_of
+from rovtwin.mapping.projection import Projection, crs_of, utm_of
 from rovtwin.runs.mapping.area import Rings, on_map, rings_of
-from rovtwin.runs.mapping.losses import losses
-from rovtwin.runs.mapping.noting import remove_old
+from rovtwin.runs.mapping.checking import check
+from rovtwin.runs.mapping.output.losses import losses
+from rovtwin.runs.mapping.output.noting import remove_old
+from rovtwin.runs.mapping.output.products import Products
+from rovtwin.runs.mapping.output.writing import write_all
 from rovtwin.runs.mapping.points import read_points
 from rovtwin.runs.mapping.registering import (
     UNITS,
     Registered,
     errors_before,
     registered,
-    registration_figures,
     sigma_layers,
 )
-from rovtwin.runs.mapping.request import FORMATS, MapRequest, WaterFile
-from rovtwin.runs.mapping.result import CUBE, NOTE, Mosaic
+from rovtwin.runs.mapping.request import MapRequest, WaterFile
+from rovtwin.runs.mapping.result import CUBE, Mosaic
 from rovtwin.runs.mapping.selection import Lines, lines_to_use
-from rovtwin.runs.mapping.sources import Found, find
-from rovtwin.runs.mapping.writing import Made, write_all
+from rovtwin.runs.mapping.sources import Inputs, open_inputs
 
-_FORMAT = 1  # of what parts are made of: a change that changes them raises it
+_FORMAT = 2  # of what parts are made of: a change that changes them raises it
 _SAMPLED = 24  # lines of which the budget of uncertainty is taken
-_FINEST, _COARSEST = 0.001, 5.0  # cells [m]
 _MARGIN = 0.05  # of the grid beyond the pixels that are located to lay it out [m]
 _EVERY = 8  # lines from one whose ends are located, for the mosaic's box, to the next
 
@@ -70,43 +71,28 @@ def map_run(
         LogError: A file cannot be read or written.
     """
     begun = time.monotonic()
-    rasterio("rovtwin map")
-    _check(request, out, overwrite)
-    with (found := find(run, request)).lines:
-        ready = prepare(found)
+    check(run, request, out, overwrite)
+    with (inputs := open_inputs(run, request)).lines:
+        ready = prepare(inputs)
         job, lines, unsure, remarks = ready.job, ready.lines, ready.unsure, ready.remarks
         _check_room(out, job, request)
         out.mkdir(parents=True, exist_ok=True)
         remove_old(out)  # a mosaic is whole when its note is there
-        parts = Parts(out / ".parts", key_of(found, job))
+        parts = Parts(out / ".parts", key_of(inputs, job))
         steps = progress or (lambda what, done, count: None)
         resumed = make_parts(job, parts, lambda done, count: steps("lines", done, count))
         counts = parts.notes(job.numbers)
         steps("joining", 0, 1)
-        snr = found.lines.imager.file.smallest_snr
-        joined = join(job, parts, out / CUBE, _what(found, job), snr)
-        unknown = _budget(found, job, unsure)
-        used = int(lines.use.sum())
-        remarks += lines.remarks + losses(counts, joined, used * found.lines.shape[1])
-        made = Made(found, job, joined, unknown, remarks, counts, resumed, used, ready.registration, ready.area)
-        mosaic = write_all(made, out, begun, steps)
+        snr = inputs.lines.imager.file.smallest_snr
+        joined = join(job, parts, out / CUBE, _what(inputs, job), snr)
+        unknown = _budget(inputs, job, unsure)
+        used, wavelengths = int(lines.use.sum()), inputs.lines.wavelengths
+        remarks += lines.remarks + losses(counts, joined, used * inputs.lines.shape[1], wavelengths)
+        done = (remarks, counts, resumed, used, ready.registration, ready.area)
+        products = Products(inputs, job, joined, unknown, *done)
+        mosaic = write_all(products, out, begun, steps)
         parts.remove()
     return mosaic
-
-
-def _check(request: MapRequest, out: Path, overwrite: bool) -> None:
-    if not _FINEST <= request.resolution <= _COARSEST:
-        raise ConfigError(
-            f"--resolution: found {request.resolution:g}, expected metres from {_FINEST:g} to {_COARSEST:g}"
-        )
-    if wrong := [name for name in request.formats if name not in FORMATS]:
-        raise ConfigError(f"--formats: found '{wrong[0]}', expected some of {', '.join(FORMATS)}")
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"{out}: is a file, expected a folder to make")
-    if (out / NOTE).exists() and not overwrite:
-        raise ConfigError(f"{out}: holds a mosaic already. Say --overwrite, or another folder")
-    if out.is_dir() and not (out / NOTE).exists() and not (out / ".parts").is_dir() and any(out.iterdir()):
-        raise ConfigError(f"{out}: holds other files; say a folder that is empty or not there")
 
 
 @dataclass(frozen=True)
@@ -118,7 +104,7 @@ class Ready:
         lines: Which count.
         unsure: How unsure light and water are.
         remarks: For people.
-        registration: Figures of it; empty without.
+        registration: What it did; None without.
         area: That was to be seen, as rings of x and y; None: nobody says.
     """
 
@@ -126,39 +112,39 @@ class Ready:
     lines: Lines
     unsure: WaterFile
     remarks: list[str]
-    registration: dict[str, Any]
+    registration: Registered | None
     area: Rings | None
 
 
-def prepare(found: Found) -> Ready:
+def prepare(inputs: Inputs) -> Ready:
     """What is to be made of what was found.
 
     Raises:
         ConfigError: Something is missing.
         LogError: Nothing can be mapped.
     """
-    request, lines = found.request, found.lines
+    request, lines = inputs.request, inputs.lines
     if lines.counts:
         _ = lines.frames  # named here, before the work, where they are missing
-    _crs(found)
-    area = None if request.area is None else rings_of(request.area, found.datum)
+    _crs(inputs)
+    area = None if request.area is None else rings_of(request.area, inputs.datum)
     if request.points is not None:
-        read_points(request.points, found.datum)  # as above: what is wrong with files and --crs, too
-    t, navigation = found.times, found.navigation
-    chosen = lines_to_use(found)
-    first = Georeference(lines.imager, found.mount, navigation, found.first_floor())
+        read_points(request.points, inputs.datum)  # as above: what is wrong with files and --crs, too
+    t, navigation = inputs.times, inputs.navigation
+    chosen = lines_to_use(inputs)
+    first = Georeference(lines.imager, inputs.mount, navigation, inputs.first_floor())
     place = _places(first, t[chosen.use])
-    floor, height, remarks = found.floor(place.min(0), place.max(0))
+    floor, height, remarks = inputs.floor(place.min(0), place.max(0))
     georeference = replace(first, floor=floor)
-    model, water, words = found.light()
+    model, water, words = inputs.light()
     height = height if water.height_sd is None else water.height_sd
-    done, errors, figures = _registered(found, georeference, t, chosen, height)
+    done, errors = _registered(inputs, georeference, t, chosen, height)
     if done is not None:
         georeference, t = done.georeference, t + done.delay
         remarks = remarks + done.remarks
     # Laid out only now: registration moves pixels, and those beyond the grid would be lost.
-    depth = float(found.first_floor().depth)
-    projection, grid = _laid_out(found, _places(georeference, t[chosen.use]), area, depth)
+    depth = float(inputs.first_floor().depth)
+    projection, grid = _laid_out(inputs, _places(georeference, t[chosen.use]), area, depth)
     more = None if errors is None else sigma_layers(errors, georeference, t, chosen.use, height)
     calibrated = Calibrated(lines, Correction(lines.imager, model))
     units = {} if more is None else UNITS
@@ -167,25 +153,25 @@ def prepare(found: Found) -> Ready:
         remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
     unsure = water.model_copy(update={"height_sd": height})
     rings = None if area is None else on_map(area, projection)
-    return Ready(job, chosen, unsure, remarks + words, figures, rings)
+    return Ready(job, chosen, unsure, remarks + words, done, rings)
 
 
-def _crs(found: Found) -> Any:
-    return crs_of(utm_of(found.datum) if found.request.crs == "utm" else found.request.crs, "--crs")
+def _crs(inputs: Inputs) -> Any:
+    return crs_of(utm_of(inputs.datum) if inputs.request.crs == "utm" else inputs.request.crs, "--crs")
 
 
 def _laid_out(
-    found: Found, place: Float[np.ndarray, "n 2"], area: Rings | None, depth: float
+    inputs: Inputs, place: Float[np.ndarray, "n 2"], area: Rings | None, depth: float
 ) -> tuple[Projection, Grid]:
     """Map and cells over where pixels lie, with a margin for those that were not looked at; the map over the area, too.
 
     Raises:
         ConfigError: The coordinate system cannot be used, or there would be too many cells.
     """
-    request, crs = found.request, _crs(found)
+    request, crs = inputs.request, _crs(inputs)
     corners = [place.min(0), place.max(0), *(ring for part in area or [] for ring in part)]
     every = np.vstack(corners)
-    projection = Projection.of(found.datum, crs, every.min(0) - 0.2, every.max(0) + 0.2, depth)
+    projection = Projection.of(inputs.datum, crs, every.min(0) - 0.2, every.max(0) + 0.2, depth)
     xy, margin = projection.to_map(place), max(_MARGIN, 2.0 * request.resolution)
     grid = Grid.over(crs, np.stack([xy.min(0) - margin, xy.max(0) + margin]), request.resolution)
     if area is not None:  # named before the work, where its cells are too many
@@ -194,22 +180,22 @@ def _laid_out(
 
 
 def _registered(
-    found: Found, georeference: Georeference, t: Float[np.ndarray, " line"], chosen: Lines, height: float
-) -> tuple[Registered | None, JointErrors | None, dict[str, Any]]:
-    """Poses put right where that is asked for, what is known of errors, and figures; None where nothing is."""
-    asked = found.request.register or found.request.control is not None
-    joint = errors_before(found, t, chosen.use)
+    inputs: Inputs, georeference: Georeference, t: Float[np.ndarray, " line"], chosen: Lines, height: float
+) -> tuple[Registered | None, JointErrors | None]:
+    """Poses put right where that is asked for, and what is known of errors; None where nothing is."""
+    asked = inputs.request.register or inputs.request.control is not None
+    joint = errors_before(inputs, t, chosen.use)
     if joint is None:
         if asked:
             raise ConfigError(
                 "--register, --control: need a smoothed track with its key frames (smoothed.mcap, smoothed_keys.nc): "
-                f"rovtwin smooth {found.run or 'RUN'}, and --navigation smoothed"
+                f"rovtwin smooth {inputs.run or 'RUN'}, and --navigation smoothed"
             )
-        return None, None, {}
+        return None, None
     if not asked:
-        return None, joint, {}
-    done = registered(found, georeference, t, chosen.use, joint, height)
-    return done, done.joint, registration_figures(done, joint)
+        return None, joint
+    done = registered(inputs, georeference, t, chosen.use, joint, height)
+    return done, done.joint
 
 
 def _places(georeference: Georeference, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m 2"]:
@@ -240,12 +226,12 @@ def _check_room(out: Path, job: Job, request: MapRequest) -> None:
         )
 
 
-def _what(found: Found, job: Job) -> str:
+def _what(inputs: Inputs, job: Job) -> str:
     correction = job.calibrated.correction
-    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {found.lines.path.name}"
+    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {inputs.lines.path.name}"
 
 
-def _budget(found: Found, job: Job, water: WaterFile) -> Budget | None:
+def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
     """Of some lines spread over the survey; None for radiances."""
     if job.calibrated.correction.model is None:
         return None
@@ -254,14 +240,14 @@ def _budget(found: Found, job: Job, water: WaterFile) -> Budget | None:
     some = []
     for number in numbers:
         located = job.georeference.locate(job.t[number : number + 1])
-        some.append((int(number), located, found.lines.read(number, number + 1)))
+        some.append((int(number), located, inputs.lines.read(number, number + 1)))
     assert water.height_sd is not None
     return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd))
 
 
-def key_of(found: Found, job: Job) -> str:
+def key_of(inputs: Inputs, job: Job) -> str:
     """Of all that the parts depend on."""
-    lines, request = found.lines, found.request
+    lines, request = inputs.lines, inputs.request
     state = lines.path.stat()
     digest = hashlib.sha256()
     settings = {

@@ -1,6 +1,5 @@
 """Places whose spectra are asked for, or that show what there is; beside them the truth where a scene knows it."""
 
-import csv
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,11 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_erosion
 
 from rovtwin.core.datum import Datum
-from rovtwin.core.errors import ConfigError
 from rovtwin.core.log.files import write_error
-from rovtwin.core.user_files.files import read_text, write_text
-from rovtwin.mapping.cells.gridding import Grid
+from rovtwin.core.user_files.files import write_text
+from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.projection import Projection
+from rovtwin.runs.mapping.columns import POINTS, columns_of
 from rovtwin.runs.mapping.result import Mosaic
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.scene import Scene
@@ -22,7 +21,6 @@ from rovtwin.simulation.scene import Scene
 RADIUS = 0.04  # of the circle whose cells make a spectrum [m]
 _INSIDE, _ALIKE = 4, 0.35  # cells from an edge; by how much of its largest value neighbours may differ
 _SHOWN, _APART = 5, 0.4  # places that are shown where none are asked for, and how far apart at least [m]
-_KINDS = (("name", "north", "east"), ("name", "latitude", "longitude"))
 
 
 @dataclass(frozen=True)
@@ -44,48 +42,14 @@ class Point:
     truth: Float[np.ndarray, " band"] | None
 
 
-def columns_of(
-    option: str, path: Path, *kinds: tuple[str, ...]
-) -> tuple[list[str], Float[np.ndarray, "row column"], tuple[str, ...]]:
-    """Names and numbers of a CSV file whose head is one of these, the first column the name; and which head it is.
-
-    Raises:
-        ConfigError: It cannot be read, has other columns, or something in it is no finite number.
-    """
-    try:
-        rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{option} {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    kind = next((k for k in kinds if rows and all(name in rows[0] for name in k)), None)
-    if kind is None:
-        found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
-        raise ConfigError(f"{option} {path}: found {found}, expected {' or '.join(','.join(k) for k in kinds)}")
-    table = np.array([[_number(row[name]) for name in kind[1:]] for row in rows])
-    names = [row[kind[0]] or f"row {number}" for number, row in enumerate(rows, 2)]
-    if (wrong := np.argwhere(~np.isfinite(table))).size:
-        k, column = (int(i) for i in wrong[0])
-        raise ConfigError(
-            f"{option} {path}: row {k + 2} ({names[k]}): found '{rows[k][kind[column + 1]]}' for "
-            f"{kind[column + 1]}, expected a finite number. Write one, or take the row out"
-        )
-    return names, table, kind
-
-
-def _number(text: str | None) -> float:
-    try:
-        return float(text or "")
-    except ValueError:
-        return float("nan")
-
-
 def read_points(path: Path, datum: Datum) -> list[tuple[str, Float[np.ndarray, "2"]]]:
     """Names and places of a CSV file: name,north,east [m] or name,latitude,longitude [deg].
 
     Raises:
         ConfigError: It cannot be read, or has other columns or no numbers.
     """
-    names, table, kind = columns_of("--points", path, *_KINDS)
-    places = table if kind == _KINDS[0] else [datum.position(a, b, 0.0)[:2] for a, b in table]
+    names, table, kind = columns_of("--points", path, *POINTS)
+    places = table if kind == POINTS[0] else [datum.position(a, b, 0.0)[:2] for a, b in table]
     return list(zip(names, places, strict=True))
 
 

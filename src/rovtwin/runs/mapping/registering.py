@@ -12,24 +12,24 @@ from scipy.ndimage import distance_transform_edt
 
 from rovtwin.core.arrays.key_frames import KeyFrames
 from rovtwin.core.errors import ConfigError, LogError
-from rovtwin.mapping.alignment.calibration import calibration_findings
+from rovtwin.mapping.alignment.calibration import CalibrationFinding, calibration_findings
+from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.alignment.matching import match_strips
 from rovtwin.mapping.alignment.registration import Registration, register
-from rovtwin.mapping.alignment.sights import CALIBRATION, sights
-from rovtwin.mapping.alignment.strips import SHORTEST, straight_runs, strip_of
+from rovtwin.mapping.alignment.strips import SHORTEST, short_runs, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference, Located
-from rovtwin.runs.mapping.points import columns_of
-from rovtwin.runs.mapping.sources import Found
+from rovtwin.runs.mapping.columns import CONTROL, columns_of
+from rovtwin.runs.mapping.residuals import Residuals
+from rovtwin.runs.mapping.sources import Inputs
 
 UNITS = {"sigma": "m", "sigma_within": "m"}  # of the place, as a whole and within the mosaic
 _SHOWN = (500.0, 620.0)  # whose mean is the brightness that is matched [nm]
 FEW = 10  # ties and control points below which NIS says little
 _LINES, _PIXELS = 24, 9  # lines from one whose uncertainty is computed to the next; pixels of each
 _READ = 128  # lines read at once
-_COLUMNS = ("name", "line", "pixel", "north", "east", "sd")
 _EXACT: dict[str, float] = dict.fromkeys(CALIBRATION, 0.0)
 
 
@@ -41,37 +41,39 @@ class Registered:
         georeference: With poses and mount put right.
         delay: To be added to the stamps [s].
         joint: Errors that are left, and their covariance.
-        registration: What was done; None where nothing was registered.
+        residuals: Of ties and control points, with what was done.
+        figures: For the note of a mosaic: ties, NIS, and each parameter of calibration, refused or not.
         remarks: For people.
     """
 
     georeference: Georeference
     delay: float
     joint: JointErrors
-    registration: Registration | None
+    residuals: Residuals
+    figures: dict[str, Any]
     remarks: list[str]
 
 
-def errors_before(found: Found, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]) -> JointErrors | None:
+def errors_before(inputs: Inputs, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]) -> JointErrors | None:
     """As the smoother knows them; None where the poses are no smoothed track with key frames beside it.
 
     Raises:
         LogError: The file of key frames cannot be used.
     """
-    if found.run is None or found.navigation.source != "smoothed":
+    if inputs.run is None or inputs.navigation.source != "smoothed":
         return None
-    path = found.run / "smoothed_keys.nc"
+    path = inputs.run / "smoothed_keys.nc"
     if not path.is_file():
         return None
     keys = KeyFrames.load(path)
     within = use & (t >= keys.t[0]) & (t <= keys.t[-1])
     if within.sum() < 2:
         return None
-    return JointErrors.of(keys, t[within][0], t[within][-1], _EXACT if found.request.calibrated else None)
+    return JointErrors.of(keys, t[within][0], t[within][-1], _EXACT if inputs.request.calibrated else None)
 
 
 def registered(
-    found: Found,
+    inputs: Inputs,
     georeference: Georeference,
     t: Float[np.ndarray, " line"],
     use: Bool[np.ndarray, " line"],
@@ -86,9 +88,9 @@ def registered(
         ConfigError: The control points' file is wrong.
         LogError: There is nothing to go by, or it contradicts itself.
     """
-    request = found.request
-    ties = _ties(found, georeference, t, use) if request.register else _no_ties()
-    control, unused = (None, []) if request.control is None else read_control(request.control, found, t, use)
+    request = inputs.request
+    ties = _ties(inputs, georeference, t, use) if request.register else _no_ties()
+    control, unused = (None, []) if request.control is None else read_control(request.control, inputs, t, use)
     observed = observe(joint, georeference, ties, control, height)
     if not len(observed.d):
         why = " ".join(unused) or "fly lines with more overlap"
@@ -102,13 +104,18 @@ def registered(
         *unused,
         *_doubts(done),
     ]
-    for one in calibration_findings(joint, done.joint):
+    calibration = calibration_findings(joint, done.joint)
+    for one in calibration:
         if not one.refused:
             value, sd, unit = _shown(one.name, one.value, one.std)
             remarks.append(f"{one.name.replace('_', ' ')}: {value:+.2f} {unit} (sd {sd:.2f})")
     mount, delay = done.joint.mounted(georeference.mount)
     better = replace(georeference, navigation=done.joint.applied(georeference.navigation), mount=mount)
-    return Registered(better, delay, done.joint, done, remarks)
+    numbers = np.interp(observed.t, t, np.arange(len(t)))
+    numbers[np.isnan(observed.t)] = np.nan
+    depth = float(inputs.first_floor().depth)
+    residuals = Residuals(observed, done, numbers, depth)
+    return Registered(better, delay, done.joint, residuals, _figures(done, calibration), remarks)
 
 
 def _doubts(done: Registration) -> list[str]:
@@ -124,17 +131,13 @@ def _doubts(done: Registration) -> list[str]:
     return remarks
 
 
-def registration_figures(done: Registered, before: JointErrors) -> dict[str, Any]:
-    """Of a registration, for the note of a mosaic: ties, NIS, and each parameter of calibration, refused or not."""
-    what = done.registration
-    if what is None:
-        return {}
+def _figures(what: Registration, findings: list[CalibrationFinding]) -> dict[str, Any]:
     calibration = {
         one.name: {
             "value": one.value, "sd": one.std, "sd_before": one.prior, "correlation": one.correlation,
             "unit": _unit(one.name), "refused": one.refused,
         }
-        for one in calibration_findings(before, what.joint)
+        for one in findings
     }  # fmt: skip
     return {
         "ties_used": int(what.used.sum()), "ties_dropped": what.dropped, "rms_before_m": what.before,
@@ -158,16 +161,17 @@ def _no_ties() -> Ties:
 
 
 def _ties(
-    found: Found, georeference: Georeference, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
+    inputs: Inputs, georeference: Georeference, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
 ) -> Ties:
     """Between all straight runs of lines that are used, by their brightness."""
-    w = found.lines.wavelengths
+    w = inputs.lines.wavelengths
     bands = np.flatnonzero((w >= _SHOWN[0]) & (w <= _SHOWN[1]))
     bands = bands if len(bands) else np.arange(len(w))
     strips = []
-    for run in used_runs(straight_runs(georeference.navigation, t), t, use):
+    runs = used_runs(straight_runs(georeference.navigation, t), t, use)
+    for run in short_runs(georeference.navigation, t, runs):
         bright = np.concatenate(
-            [_bright(found, a, min(a + _READ, run[-1] + 1), bands) for a in range(run[0], run[-1] + 1, _READ)]
+            [_bright(inputs, a, min(a + _READ, run[-1] + 1), bands) for a in range(run[0], run[-1] + 1, _READ)]
         )
         strips.append(strip_of(georeference, t[run[0] : run[-1] + 1], bright))
     return match_strips(strips)
@@ -185,16 +189,16 @@ def used_runs(
     return kept
 
 
-def _bright(found: Found, first: int, last: int, bands: np.ndarray) -> Float[np.ndarray, "line pixel"]:
-    cube = found.lines.read(first, last)[..., bands]
-    full = (cube >= found.lines.saturation).any(axis=-1)
-    if found.lines.counts:
-        cube = cube - found.lines.frames[0][:, bands]
+def _bright(inputs: Inputs, first: int, last: int, bands: np.ndarray) -> Float[np.ndarray, "line pixel"]:
+    cube = inputs.lines.read(first, last)[..., bands]
+    full = (cube >= inputs.lines.saturation).any(axis=-1)
+    if inputs.lines.counts:
+        cube = cube - inputs.lines.frames[0][:, bands]
     return np.where(full, np.nan, cube.mean(axis=-1, dtype=float))
 
 
 def read_control(
-    path: Path, found: Found, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
+    path: Path, inputs: Inputs, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
 ) -> tuple[ControlPoints | None, list[str]]:
     """Of a CSV file: name, number of the line and pixel that saw it, north and east [m], standard deviation [m].
 
@@ -203,8 +207,8 @@ def read_control(
     Raises:
         ConfigError: It cannot be read, or has other columns, no numbers, or lines and pixels that there are not.
     """
-    names, table, _ = columns_of("--control", path, _COLUMNS)
-    lines, pixels, _ = found.lines.shape
+    names, table, _ = columns_of("--control", path, CONTROL)
+    lines, pixels, _ = inputs.lines.shape
     wrong = (table[:, 0] < 0) | (table[:, 0] > lines - 1) | (table[:, 1] < 0) | (table[:, 1] > pixels - 1)
     if (wrong := wrong | ~(table[:, 4] > 0)).any():
         k = int(np.argmax(wrong))
@@ -241,7 +245,7 @@ def sigma_layers(
     some = np.unique(t[use][np.linspace(0, int(use.sum()) - 1, max(int(use.sum()) // _LINES, 2)).astype(int)])
     pixels = np.linspace(0.0, where.imager.pixels - 1.0, _PIXELS)
     when, which = (x.ravel() for x in np.meshgrid(some, pixels, indexing="ij"))
-    seen = sights(where, when, which)
+    seen = ground_points(where, when, which)
     found = point_uncertainty(joint, seen, height)
     shape = (len(some), len(pixels))
     tables = {

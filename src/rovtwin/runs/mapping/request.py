@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.user_files.config import NonNegative, Strict
-from rovtwin.imaging.imager import Imager
 from rovtwin.imaging.spectra.water import Constituents
+
+if TYPE_CHECKING:
+    from rovtwin.imaging.imager import Imager
 
 NAVIGATIONS = ("smoothed", "estimate", "truth", "lines")
 FORMATS = ("envi", "cog", "cube", "netcdf")  # cog: picture and layers; cube: all bands as GeoTIFF
@@ -75,5 +78,5 @@ class MapRequest:
     control: Path | None = None
     calibrated: bool = False
     formats: tuple[str, ...] = ("envi", "cog")
-    imager: Imager | str | None = None
+    imager: "Imager | str | None" = None
     datum: Datum | None = None

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CUBE, NOTE, PAGE = "cube.img", "map.json", "report.html"
+_ROWS = 50  # of which it is taken how many cells know a band
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,6 +76,42 @@ class Mosaic(Result):
     def wavelengths(self) -> Float[np.ndarray, " band"]:
         """Of the bands [nm]."""
         return np.array(self.about["wavelengths_nm"])
+
+    def share_known(self) -> Float[np.ndarray, " band"]:
+        """Of the cells that have any number, those that know a band, by band; of some fifty rows."""
+        some = np.asarray(self.cube[:: max(self.shape[0] // _ROWS, 1)]) != np.float32(NO_DATA)
+        seen = some.any(axis=1)
+        return np.moveaxis(some, 1, 2)[seen].mean(axis=0) if seen.any() else np.zeros(self.shape[2])
+
+    def layer(self, name: str) -> Float[np.ndarray, "row column"] | None:
+        """Of `layers.tif`; None where it has none of that name.
+
+        Raises:
+            LogError: The file cannot be read.
+        """
+        import rasterio
+
+        path = self.folder / "layers.tif"
+        try:
+            with rasterio.open(path) as file:
+                names = list(file.descriptions)
+                return file.read(names.index(name) + 1) if name in names else None
+        except rasterio.RasterioIOError as error:
+            raise LogError(f"{path}: cannot be read: {error}") from None
+
+    def budget(self, name: str) -> Float[np.ndarray, " band"] | None:
+        """A column of `uncertainty.csv`, relative standard deviations by band; None without.
+
+        Raises:
+            LogError: The file is not of this mosaic.
+        """
+        path = self.folder / "uncertainty.csv"
+        if not path.is_file():
+            return None
+        table = np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True))
+        if name not in (table.dtype.names or ()) or len(table) != self.shape[2]:
+            raise LogError(f"{path}: expected a column {name} with a row for each of {self.shape[2]} bands")
+        return table[name]
 
     def spectrum(self, x: float, y: float, radius: float = 0.05) -> Float[np.ndarray, " band"]:
         """Mean of the cells about a place of the map, no number in bands that none of them has.

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import LogError
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.runs.mapping.sources import Found
+from rovtwin.runs.mapping.sources import Inputs
 
 _COURSE = 1.5  # over which a turn is measured [s]
 _SHORT, _FAR = 3.0, 1.8  # shortest stretch of lines [s]; longest way over the usual one
@@ -21,13 +21,13 @@ class Lines:
     remarks: list[str]
 
 
-def lines_to_use(found: Found) -> Lines:
+def lines_to_use(inputs: Inputs) -> Lines:
     """Lines within the navigation and the time asked for, not taken in a turn.
 
     Raises:
         LogError: None is left.
     """
-    t, request, navigation = found.times, found.request, found.navigation
+    t, request, navigation = inputs.times, inputs.request, inputs.navigation
     asked = (t >= request.begin) & (t <= request.end)
     posed = navigation.at(t).valid
     turning = np.abs(np.nan_to_num(navigation.turn_rates(t, _COURSE))) > request.turn
@@ -39,28 +39,28 @@ def lines_to_use(found: Found) -> Lines:
         )
     if turns := int((asked & posed & turning).sum()):
         remarks.append(f"{turns} lines taken in turns faster than {np.degrees(request.turn):g} deg/s are left out")
-    if found.lines.gaps:
-        remarks.append(f"lines are missing {len(found.lines.gaps)} times for more than 0.2 s")
+    if inputs.lines.gaps:
+        remarks.append(f"lines are missing {len(inputs.lines.gaps)} times for more than 0.2 s")
     use = asked & posed & ~turning
-    far = use & too_far(found, use)
+    far = use & too_far(inputs, use)
     short = use & ~far & short_stretches(t, use & ~far)
     if dropped := int(far.sum() + short.sum()):
         remarks.append(f"{dropped} lines on the way down or between two turns are left out")
     use &= ~far & ~short
     if not use.any():
         raise LogError(
-            f"{found.lines.path}: no line of {len(t)} can be placed: they are of {t[0]:.1f} to {t[-1]:.1f} s, "
+            f"{inputs.lines.path}: no line of {len(t)} can be placed: they are of {t[0]:.1f} to {t[-1]:.1f} s, "
             f"navigation is of {navigation.t[0]:.1f} to {navigation.t[-1]:.1f} s. Do both clocks count from one start? "
             "See --clock-offset"
         )
     return Lines(use, remarks)
 
 
-def too_far(found: Found, use: Bool[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
+def too_far(inputs: Inputs, use: Bool[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
     """Lines whose middle is far beyond what is usual for this survey, as on the way down."""
-    middle = found.lines.shape[1] // 2
-    model = Georeference(found.lines.imager, found.mount, found.navigation, found.first_floor())
-    way = model.locate(found.times, slice(middle, middle + 1)).way[:, 0]
+    middle = inputs.lines.shape[1] // 2
+    model = Georeference(inputs.lines.imager, inputs.mount, inputs.navigation, inputs.first_floor())
+    way = model.locate(inputs.times, slice(middle, middle + 1)).way[:, 0]
     if not np.isfinite(way[use]).any():
         return np.zeros(len(use), bool)
     return np.nan_to_num(way) > _FAR * float(np.nanmedian(way[use]))

@@ -24,6 +24,7 @@ from rovtwin.mapping.navigation import Navigation
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import sensors_of, without_own
 from rovtwin.runs.compose.world import on_world_floor
+from rovtwin.runs.mapping.checking import NO_FILE
 from rovtwin.runs.mapping.dating import date
 from rovtwin.runs.mapping.request import NAVIGATIONS, MapRequest, WaterFile
 from rovtwin.scenario.files import load_scenario
@@ -31,12 +32,11 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
-_NO_FILE = ("altimeter", "plane", "truth")  # floors that are no raster file
 _REACH = 1.5  # of the floor beyond the pixels' first estimate [m]
 
 
 @dataclass(frozen=True)
-class Found:
+class Inputs:
     """A run, its lines, and what is asked of them.
 
     Attributes:
@@ -174,7 +174,7 @@ class Found:
             return Plane(float(np.median(self.hits[0][:, 2])))
         if self.lines.truth is not None and np.isfinite(self.lines.truth.floor).any():
             return Plane(float(np.nanmedian(self.lines.truth.floor)))
-        if self.request.floor not in _NO_FILE:
+        if self.request.floor not in NO_FILE:
             where = self.navigation.at(self.times)
             below = where.position[where.valid, :2]
             if len(below):
@@ -257,7 +257,7 @@ class Found:
         return model
 
 
-def find(run: Path | None, request: MapRequest) -> Found:
+def open_inputs(run: Path | None, request: MapRequest) -> Inputs:
     """Open what is there.
 
     Raises:
@@ -269,14 +269,14 @@ def find(run: Path | None, request: MapRequest) -> Found:
     try:
         if run is None:
             date(lines, request.datum, None)
-            return Found(None, None, None, lines, request)
+            return Inputs(None, None, None, lines, request)
         path = run / "log.mcap" if run.is_dir() else run
         beside = path.with_name("scenario.yaml")
         if not beside.exists():
             raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and floor it is of")
         log = Log.read(path)
         date(lines, request.datum, log)
-        return Found(path.parent, log, load_scenario(beside), lines, request)
+        return Inputs(path.parent, log, load_scenario(beside), lines, request)
     except BaseException:
         lines.close()
         raise

@@ -30,11 +30,23 @@ class Track:
     euler: Float[np.ndarray, "k 3"]
     std: Float[np.ndarray, "k 6"] | None
 
-    def at(self, t: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Positions (n, 3), attitudes R_nb (n, 3, 3), and standard deviations (n, 6) or None, between its poses."""
+    def at(
+        self, t: Float[np.ndarray, " n"], spread: float | Float[np.ndarray, " n"] = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Positions (n, 3), attitudes R_nb (n, 3, 3), and standard deviations (n, 6) or None, between its poses.
+
+        Args:
+            t: When [s].
+            spread: Standard deviation of the times [s]: it counts in those of the place, as fast as the vehicle goes.
+        """
         position = np.stack([np.interp(t, self.t, column) for column in self.position.T], axis=-1)
         R = Slerp(self.t, Rotation.from_euler("ZYX", self.euler[:, ::-1]))(t).as_matrix()
         std = None if self.std is None else np.stack([np.interp(t, self.t, c) for c in self.std.T], axis=-1)
+        if std is not None:
+            ends = [np.clip(t + half, self.t[0], self.t[-1]) for half in (-0.5, 0.5)]
+            before, after = (np.stack([np.interp(x, self.t, c) for c in self.position.T], axis=-1) for x in ends)
+            speed = (after - before) / (ends[1] - ends[0])[:, None]
+            std[:, :3] = np.hypot(std[:, :3], speed * np.broadcast_to(spread, t.shape)[:, None])
         return position, R, std
 
     def covers(self, t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

@@ -46,6 +46,16 @@ class Ground:
         return np.array(rows, np.float32)
 
     @property
+    def materials(self) -> list[str]:
+        """Of each row of `spectra`; "" of what has a colour alone."""
+        covers = [cover.material for cover in self._covers]
+        return [
+            *[self._surface.spectrum] * 2,
+            *covers,
+            *(one.material.spectrum for one in self.scene.standing for _ in range(2)),
+        ]
+
+    @property
     def standing_from(self) -> int:
         """Row of the first thing that stands on the floor."""
         return 2 + len(self._covers)
@@ -111,12 +121,16 @@ class Ground:
 
     def from_above(self, place: Float[np.ndarray, "n 2"], wide: float = 1e-3) -> Float[np.ndarray, "n band"]:
         """Reflectance of what is seen straight from above at places north and east [m]: the truth of a map."""
+        return self.shares_from_above(place, wide) @ self.spectra
+
+    def shares_from_above(self, place: Float[np.ndarray, "n 2"], wide: float = 1e-3) -> Float[np.ndarray, "n material"]:
+        """Shares of each row of `spectra` in what is seen straight from above at places north and east [m]."""
         floor = self.scene.floor
         assert floor is not None
         down = np.tile([0.0, 0.0, 1.0], (len(place), 1))
         origin = np.column_stack([place, floor.depth_and_slope(place)[0] - _ABOVE])
         hits = first_hits(floor_hits(floor, origin, down, np.inf), self.scene.standing, origin, down, np.inf)
-        return self.seen(hits, wide) @ self.spectra
+        return self.seen(hits, wide)
 
     def albedo(self, place: Float[np.ndarray, "n 2"], wide: float = 1e-3) -> Float[np.ndarray, "n band"]:
         """Reflectance of the floor at places north and east [m], the truth of a map but for what stands on it."""

@@ -79,6 +79,11 @@ class Steering:
         """MANUAL_CONTROL for axes."""
         return sticks_of_axes(axes, self.gain or 1.0, self.throttle or 1.0, self.extended)
 
+    @property
+    def reach(self) -> float:
+        """Share of full command along an axis that sticks can ask for at most."""
+        return min(self.gain or 1.0, 1.0)
+
     def limits(self) -> list[str]:
         """What sticks cannot ask of this vehicle, and what of it is not sure."""
         found, gain, deep = [], self.gain or 1.0, (self.gain or 1.0) * (self.throttle or 1.0)

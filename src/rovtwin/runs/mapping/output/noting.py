@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.log.files import write_error
-from rovtwin.runs.mapping.sources import Found
+from rovtwin.runs.mapping.sources import Inputs
 
 WHAT = {
     "cube.img": "all bands: ENVI, BIL, float32, with header cube.hdr",
@@ -17,6 +17,7 @@ WHAT = {
     "rgb.png": "picture",
     "layers.tif": "range, incidence, time, depth, sigmas of the place, coverage, noise: cloud-optimised GeoTIFF",
     "gaps.geojson": "what was not seen inside the area",
+    "ties.geojson": "ties and control points of the registration: residuals before and after, kept or dropped",
     "navigation.csv": "poses as Immersion reads them",
     "spectra.csv": "spectra of places",
     "uncertainty.csv": "how unsure reflectance is by band, and by what",
@@ -38,12 +39,12 @@ def remove_old(out: Path) -> None:
             raise write_error(out / name, error) from error
 
 
-def settings_of(found: Found, source: str) -> dict[str, Any]:
+def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
     """All that was asked for; `source` is whose poses were taken."""
-    request = found.request
+    request = inputs.request
     return {
-        "lines": found.lines.path.name,
-        "run": None if found.run is None else found.run.resolve().name,
+        "lines": inputs.lines.path.name,
+        "run": None if inputs.run is None else inputs.run.resolve().name,
         "navigation": source,
         "floor": request.floor,
         "depth_m": request.depth,
@@ -63,18 +64,18 @@ def settings_of(found: Found, source: str) -> dict[str, Any]:
         "control": _text(request.control),
         "calibrated": request.calibrated,
         "formats": list(request.formats),
-        "imager": found.lines.imager.file.name,
+        "imager": inputs.lines.imager.file.name,
     }
 
 
-def hashes_of(found: Found, source: str) -> dict[str, str]:
+def hashes_of(inputs: Inputs, source: str) -> dict[str, str]:
     """SHA-256 of the files that a mosaic was made of: lines, track and key frames or log, floor, water, points."""
-    request = found.request
-    paths = [found.lines.path, request.control, request.area, request.points]
+    request = inputs.request
+    paths = [inputs.lines.path, request.control, request.area, request.points]
     paths += [None if text is None else Path(text) for text in (request.water, request.floor)]
-    if found.run is not None:
+    if inputs.run is not None:
         names = ("log.mcap", "scenario.yaml") + (("smoothed.mcap", "smoothed_keys.nc") if source == "smoothed" else ())
-        paths += [found.run / name for name in names]
+        paths += [inputs.run / name for name in names]
     return {path.name: _digest(path) for path in paths if path is not None and path.is_file()}
 
 

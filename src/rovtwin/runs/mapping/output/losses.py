@@ -1,13 +1,15 @@
 """What a mosaic lost of its pixels and cells, as remarks."""
 
 import numpy as np
+from jaxtyping import Float
 
+from rovtwin.mapping.cells.masking import HIDDEN
 from rovtwin.mapping.cells.mosaic import Joined
 
 
-def losses(counts: dict[str, int], joined: Joined, pixels: int) -> list[str]:
-    """Of pixels and cells; `pixels` is how many all lines that are used have."""
-    remarks = []
+def losses(counts: dict[str, int], joined: Joined, pixels: int, wavelengths: Float[np.ndarray, " band"]) -> list[str]:
+    """Of pixels, cells and bands; `pixels` is how many all lines that are used have."""
+    remarks = _whole_bands(joined.masked, wavelengths)
     in_cells = float(np.nansum(joined.layers["coverage"][0], dtype=float))
     if (beyond := pixels - counts.get("missed", 0) - round(in_cells)) > 0:
         remarks.append(
@@ -21,6 +23,9 @@ def losses(counts: dict[str, int], joined: Joined, pixels: int) -> list[str]:
     if counts.get("saturated"):
         share = counts["saturated"] / max(counts["samples"], 1)
         remarks.append(f"{share:.2%} of the counts are full and masked")
+    if counts.get("no_number"):
+        share = counts["no_number"] / max(counts["samples"], 1)
+        remarks.append(f"{share:.2%} of the radiances are no numbers and masked")
     if counts.get("missed"):
         remarks.append(f"{counts['missed']} pixels see no floor within reach")
     filled = int((joined.seen & ~joined.direct).sum())
@@ -28,3 +33,14 @@ def losses(counts: dict[str, int], joined: Joined, pixels: int) -> list[str]:
         remarks.append(f"{filled} cells ({filled / max(int(joined.seen.sum()), 1):.1%}) between two lines are filled "
                        "from their neighbours; their coverage is 0")  # fmt: skip
     return remarks
+
+
+def _whole_bands(masked: Float[np.ndarray, " band"], wavelengths: Float[np.ndarray, " band"]) -> list[str]:
+    """Runs of bands that are masked in all cells."""
+    edges = np.flatnonzero(np.diff(np.r_[False, masked >= 1.0, False].astype(int)))
+    runs = [
+        f"{wavelengths[a]:.0f} to {wavelengths[b - 1]:.0f} nm" for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    if not runs:
+        return []
+    return [f"bands masked whole, as noise hides {HIDDEN:.0%} of their cells or more: {', '.join(runs)}"]

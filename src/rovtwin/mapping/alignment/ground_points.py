@@ -26,7 +26,7 @@ _STEP = 0.05  # for velocities by differences of poses [s]
 
 
 @dataclass(frozen=True)
-class Sights:
+class GroundPoints:
     """Points seen.
 
     Attributes:
@@ -46,7 +46,7 @@ class Sights:
     valid: Bool[np.ndarray, " m"]
 
 
-def sights(where: Georeference, t: Float[np.ndarray, " m"], pixel: Float[np.ndarray, " m"]) -> Sights:
+def ground_points(where: Georeference, t: Float[np.ndarray, " m"], pixel: Float[np.ndarray, " m"]) -> GroundPoints:
     """Of pixels, whole numbers or between, of lines at times [s]."""
     poses = where.navigation.at(t)
     R, l = poses.rotation, where.mount.position
@@ -66,7 +66,7 @@ def sights(where: Georeference, t: Float[np.ndarray, " m"], pixel: Float[np.ndar
     by_mount = np.concatenate([-Pi @ R @ skew(rho - l), Pi @ R, (Pi @ moving[..., None])], axis=-1)
     by_depth = r * (n[:, 2] / facing)[:, None]
     cut = [np.where(valid.reshape(-1, *[1] * (x.ndim - 1)), x, 0.0)[:, :2] for x in (by_pose, by_mount, by_depth)]
-    return Sights(t, point, cut[0], cut[1], cut[2], valid)
+    return GroundPoints(t, point, cut[0], cut[1], cut[2], valid)
 
 
 def _between(rows: Float[np.ndarray, "pixel 3"], at: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:

@@ -9,7 +9,7 @@ from tests.mapping.helper import moving
 from tests.mapping.surveys import DOWN, LEVER, Hills, wide
 
 from rovtwin.imaging.imager import Mount
-from rovtwin.mapping.alignment.sights import CALIBRATION, sights
+from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.georeference import Georeference
 
 T, PIXEL = np.array([1.0, 1.4, 2.2, 3.05]), np.array([0.0, 52.5, 105.0, 199.0])
@@ -57,11 +57,11 @@ def moved(where, name, by):
 @pytest.mark.parametrize("name", [*(f"place{i}" for i in range(3)), *(f"turn{i}" for i in range(3)), *CALIBRATION])
 def test_derivatives_are_those_of_differences(name):
     where = georeference()
-    seen = sights(where, T, PIXEL)
+    seen = ground_points(where, T, PIXEL)
     ends = []
     for sign in (1.0, -1.0):
         other, later = moved(where, name, sign * STEP)
-        ends.append(sights(other, T + later, PIXEL).point[:, :2])
+        ends.append(ground_points(other, T + later, PIXEL).point[:, :2])
     found = (ends[0] - ends[1]) / (2.0 * STEP)
     if name in CALIBRATION:
         expected = seen.by_calibration[:, :, CALIBRATION.index(name)]
@@ -73,12 +73,12 @@ def test_derivatives_are_those_of_differences(name):
 
 def test_a_deeper_floor_is_met_farther_along_the_ray():
     where = georeference()
-    seen = sights(where, T, PIXEL)
-    ends = [sights(replace(where, floor=Deeper(Hills(), s * STEP)), T, PIXEL).point[:, :2] for s in (1.0, -1.0)]
+    seen = ground_points(where, T, PIXEL)
+    ends = [ground_points(replace(where, floor=Deeper(Hills(), s * STEP)), T, PIXEL).point[:, :2] for s in (1.0, -1.0)]
     np.testing.assert_allclose((ends[0] - ends[1]) / (2 * STEP), seen.by_depth, atol=1e-6)
 
 
 def test_what_sees_nothing_is_not_valid_and_counts_for_nothing():
-    seen = sights(georeference(), np.array([-5.0, 1.0]), np.array([3.0, 3.0]))
+    seen = ground_points(georeference(), np.array([-5.0, 1.0]), np.array([3.0, 3.0]))
     assert seen.valid.tolist() == [False, True]
     assert not seen.by_pose[0].any() and np.isfinite(seen.point).all()

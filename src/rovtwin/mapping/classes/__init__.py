@@ -1,0 +1,1 @@
+"""Classes of a seabed by spectra: angles, mixtures, areas."""

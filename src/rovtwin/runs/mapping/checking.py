@@ -1,0 +1,132 @@
+"""All that can be refused of a map before anything heavy is loaded, read or compiled."""
+
+from pathlib import Path
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.config import parse, read_yaml
+from rovtwin.core.user_files.files import checked
+from rovtwin.imaging.lines import LinesHead
+from rovtwin.mapping.projection import crs_of, rasterio
+from rovtwin.runs.mapping.columns import CONTROL, POINTS, columns_of
+from rovtwin.runs.mapping.request import FORMATS, NAVIGATIONS, MapRequest, WaterFile
+
+NO_FILE = ("altimeter", "plane", "truth")  # floors that are no file
+_NOTE = "map.json"
+_FINEST, _COARSEST = 0.001, 5.0  # cells [m]
+
+
+def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> None:
+    """Refuse what is wrong with options and files.
+
+    Raises:
+        ConfigError: An option, or a file that goes with one, cannot be used.
+        LogError: The file of lines cannot be used.
+    """
+    rasterio("rovtwin map")
+    _check_options(request, out, overwrite)
+    _check_together(run, request)
+    if run is not None:
+        _check_run(run, request)
+    with LinesHead(request.lines) as lines:
+        _check_lines(lines, run, request)
+    if request.crs != "utm":
+        crs_of(request.crs, "--crs")
+    if request.water not in (None, "truth"):
+        parse(WaterFile, read_yaml(request.water), Path(request.water).name)
+    for option, path, *kinds in (("--points", request.points, *POINTS), ("--control", request.control, CONTROL)):
+        if path is not None:
+            columns_of(option, path, *kinds)
+    if request.area is not None:
+        _there("--area", request.area)
+    if request.floor not in NO_FILE:
+        _check_floor(Path(request.floor))
+
+
+def _there(option: str, path: Path) -> None:
+    try:
+        checked(path)
+    except OSError as error:
+        raise ConfigError(f"{option} {path}: cannot be read: {error.strerror or error}") from None
+
+
+def _check_options(request: MapRequest, out: Path, overwrite: bool) -> None:
+    if not _FINEST <= request.resolution <= _COARSEST:
+        raise ConfigError(
+            f"--resolution: found {request.resolution:g}, expected metres from {_FINEST:g} to {_COARSEST:g}"
+        )
+    if wrong := [name for name in request.formats if name not in FORMATS]:
+        raise ConfigError(f"--formats: found '{wrong[0]}', expected some of {', '.join(FORMATS)}")
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file, expected a folder to make")
+    if (out / _NOTE).exists() and not overwrite:
+        raise ConfigError(f"{out}: holds a mosaic already. Say --overwrite, or another folder")
+    if out.is_dir() and not (out / _NOTE).exists() and not (out / ".parts").is_dir() and any(out.iterdir()):
+        raise ConfigError(f"{out}: holds other files; say a folder that is empty or not there")
+    if not request.begin < request.end:
+        found = f"{request.begin:g} and {request.end:g} s"
+        raise ConfigError(f"--from, --to: found {found}, expected a beginning before the end")
+    if not request.turn > 0:
+        raise ConfigError(f"--max-turn: found {request.turn:g} rad/s, expected more than 0")
+    if request.navigation is not None and request.navigation not in NAVIGATIONS:
+        raise ConfigError(f"--navigation: found '{request.navigation}', expected {', '.join(NAVIGATIONS)}")
+
+
+def _check_together(run: Path | None, request: MapRequest) -> None:
+    """Options that contradict each other."""
+    asked = request.register or request.control is not None
+    if asked and (run is None or request.navigation not in (None, "smoothed")):
+        source = request.navigation or "that of the file of lines"
+        raise ConfigError(
+            f"--register, --control: found the navigation '{source}', expected smoothed, of a run: only a smoothed "
+            f"track says how its errors hang together. First: rovtwin smooth {run or 'RUN'}"
+        )
+    if run is None and request.navigation in ("smoothed", "estimate"):
+        raise ConfigError(f"--navigation {request.navigation}: needs a run; without one there are lines and truth")
+    if run is None and request.floor == "altimeter":
+        raise ConfigError(
+            "--floor altimeter: needs a run, whose log has the altimeter. Say --floor plane with --depth, or a file"
+        )
+
+
+def _check_run(run: Path, request: MapRequest) -> None:
+    log = run / "log.mcap" if run.is_dir() else run
+    if not log.is_file():
+        raise ConfigError(f"{log}: not there; expected the folder of a run, or its log")
+    if not (beside := log.with_name("scenario.yaml")).is_file():
+        raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and floor it is of")
+    needed = ["smoothed.mcap"] if request.navigation == "smoothed" else []
+    needed = ["smoothed.mcap", "smoothed_keys.nc"] if request.register or request.control is not None else needed
+    for name in needed:
+        if not (path := log.with_name(name)).is_file():
+            raise ConfigError(f"{path}: not there; make it first: rovtwin smooth {log.parent}")
+
+
+def _check_lines(lines: LinesHead, run: Path | None, request: MapRequest) -> None:
+    if lines.counts:
+        _ = lines.frames
+    if request.imager is None and not lines.described:
+        raise ConfigError(
+            f"{lines.path}: does not describe its imager's lens and port. Describe it in a file such as `rovtwin scan "
+            "--imager uhi` uses, and say --imager FILE"
+        )
+    if run is None and lines.datum is None and request.datum is None:
+        raise ConfigError(
+            f"{lines.path}: says nothing of a datum, the origin of north, east, down. Say --datum "
+            "LATITUDE,LONGITUDE[,HEIGHT]"
+        )
+    if not lines.simulated:
+        for option in ("navigation", "floor", "water"):
+            if getattr(request, option) == "truth":
+                raise ConfigError(f"--{option} truth: {lines.path} knows none: an instrument took its lines")
+
+
+def _check_floor(path: Path) -> None:
+    from rovtwin.mapping.floors import check_system
+
+    rio = rasterio(f"--floor {path}")
+    _there("--floor", path)
+    try:
+        with rio.open(path) as file:
+            check_system(file, path)
+    except rio.errors.RasterioError as error:
+        raise ConfigError(f"{path}: cannot be read as a raster ({error}); expected such as a GeoTIFF") from None

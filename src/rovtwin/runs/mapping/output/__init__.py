@@ -1,0 +1,1 @@
+"""Files of a mosaic: what was made, written and noted; its page."""
