@@ -9,6 +9,7 @@ may run code as its owner. `ROVTWIN_CHECK_KEPT=1` traces all the same and compar
 """
 
 import hashlib
+import importlib
 import io
 import logging
 import os
@@ -24,12 +25,33 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jax._src import compilation_cache, config
 from jax.experimental import serialize_executable
 
 from rovtwin.core.numerics import cache_folder, jax
 from rovtwin.core.programs.description import Description, Undescribed
 from rovtwin.core.user_files.files import write_bytes
+
+
+def _module(name: str) -> Any:
+    """A module, None where there is none."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        return None
+
+
+# Of JAX what has no public name: where another version lacks any of it, nothing is kept.
+compilation_cache: Any = _module("jax._src.compilation_cache")
+config: Any = _module("jax._src.config")
+_CAN_KEEP = all(
+    hasattr(place, name)
+    for place, name in (
+        (config, "trace_context"),
+        (compilation_cache, "extract_executable_and_time"),
+        (compilation_cache, "combine_executable_and_time"),
+        (serialize_executable, "_JaxPjrtPickler"),
+    )
+)
 
 logger = logging.getLogger(__name__)
 
@@ -75,7 +97,7 @@ def key_of_value(function: Callable[..., Any], arguments: tuple[Any, ...]) -> st
 
 
 def _key(*ingredients: Any) -> str | None:
-    if jax.default_backend() != "cpu" or not config.enable_compilation_cache.value:
+    if not _CAN_KEEP or jax.default_backend() != "cpu" or not jax.config.jax_enable_compilation_cache:
         return None
     description = Description()
     try:
@@ -189,6 +211,9 @@ def noting() -> Iterator[list[bytes]]:
     The list is empty for a program that is in JAX's memory already.
     """
     found: list[bytes] = []
+    if not _CAN_KEEP:
+        yield found
+        return
     thread = threading.get_ident()
 
     def noted(executable: bytes) -> None:
@@ -242,24 +267,23 @@ def _parts(compiled: Any, in_cache: list[bytes]) -> bytes:
     if compiled._params.const_args or len(in_cache) != 1:
         raise ValueError("found constants that were handed over, or not just one program")
     with io.BytesIO() as file:
-        _WithExecutable(file, in_cache[0]).dump(
+        _pickler(file, in_cache[0]).dump(
             (compiled._executable._unloaded_executable, jax.tree.leaves(compiled.args_info), compiled._no_kwargs)
         )
         return file.getvalue()
 
 
-_pickling: Any = serialize_executable  # what it has for executables has no public name
+def _pickler(file: io.BytesIO, executable: bytes) -> pickle.Pickler:
+    """JAX's own of programs, with the executable given."""
+    theirs: Any = serialize_executable
 
+    class WithExecutable(theirs._JaxPjrtPickler):
+        def persistent_id(self, obj: Any) -> Any:
+            if isinstance(obj, (theirs.xc.LoadedExecutable, theirs._jax.Executable)):
+                return "exec", executable
+            return super().persistent_id(obj)
 
-class _WithExecutable(_pickling._JaxPjrtPickler):
-    def __init__(self, file: io.BytesIO, executable: bytes):
-        super().__init__(file)
-        self._executable = executable
-
-    def persistent_id(self, obj: Any) -> Any:
-        if isinstance(obj, (_pickling.xc.LoadedExecutable, _pickling._jax.Executable)):
-            return "exec", self._executable
-        return super().persistent_id(obj)
+    return WithExecutable(file)
 
 
 class _Pickler(pickle.Pickler):
