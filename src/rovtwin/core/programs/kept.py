@@ -97,7 +97,7 @@ def key_of_value(function: Callable[..., Any], arguments: tuple[Any, ...]) -> st
 
 
 def _key(*ingredients: Any) -> str | None:
-    if not _CAN_KEEP or jax.default_backend() != "cpu" or not jax.config.jax_enable_compilation_cache:
+    if not _CAN_KEEP or jax.default_backend() != "cpu" or not config.enable_compilation_cache.value:
         return None
     description = Description()
     try:
