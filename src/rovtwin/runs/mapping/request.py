@@ -12,6 +12,8 @@ from rovtwin.imaging.imager import Imager
 from rovtwin.imaging.spectra.water import Constituents
 
 NAVIGATIONS = ("smoothed", "estimate", "truth", "lines")
+TURN = float(np.radians(6.0))  # lines taken while the vehicle turns faster are left out by default [rad/s]
+COURSE = 1.5  # over which a turn is measured [s]
 FORMATS = ("envi", "cog", "cube", "netcdf")  # cog: picture and layers; cube: all bands as GeoTIFF
 
 
@@ -65,7 +67,7 @@ class MapRequest:
     radiance: bool = False
     water: str | None = None
     best: bool = True
-    turn: float = float(np.radians(6.0))
+    turn: float = TURN
     clock_offset: float = 0.0
     begin: float = -np.inf
     end: float = np.inf
