@@ -29,8 +29,8 @@ def seen(recording: Recording) -> dict[str, Any] | None:
         return None
     eyes, notes = eyes_of(scenario)
     depths = Depths(sounders_of(scenario), scenario.world.floor)
-    told = [_painted(recording, Painter(eye), depths) for eye in eyes]
-    return {"kind": "swath", "flying": False, "area": None, "notes": notes, "eyes": told}
+    painted = [_painted(recording, Painter(eye), depths) for eye in eyes]
+    return {"kind": "swath", "flying": False, "area": None, "notes": notes, "eyes": painted}
 
 
 def _painted(recording: Recording, painter: Painter, depths: Depths) -> dict[str, Any]:
@@ -45,8 +45,8 @@ def _painted(recording: Recording, painter: Painter, depths: Depths) -> dict[str
             "sensors": recording.sensors(at),
             "link_age": 0.0 if timing is None else timing[1],
         }
-        if (sight := depths.instant(state)) is not None:
-            painter.take(sight)
+        if (instant := depths.instant(state)) is not None:
+            painter.take(instant)
         if not course or course[-1][1] != painter.why:
             course.append((painter.at, painter.why))
     painter.finish()

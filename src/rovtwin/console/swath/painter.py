@@ -20,7 +20,7 @@ FINEST = 0.02  # of the swath: the vehicle moves on so far before it is painted 
 
 
 @dataclass(frozen=True)
-class Sight:
+class Instant:
     """An instant of a flight.
 
     Attributes:
@@ -50,15 +50,15 @@ class Depths:
         self.names = [one.name for one in sounders]
         self.source = ", ".join(self.names) or ("the world's floor" if floor is not None else "")
 
-    def instant(self, state: dict[str, Any]) -> Sight | None:
+    def instant(self, state: dict[str, Any]) -> Instant | None:
         """Of a state as the engine reports it; None where it has no pose."""
         if state.get("eta") is None:
             return None
         t, eta = float(state["t"]), np.asarray(state["eta"], float)
         if (state.get("link_age") or 0.0) > STALE:
-            return Sight(t, eta, np.nan, "nothing comes from the vehicle")
+            return Instant(t, eta, np.nan, "nothing comes from the vehicle")
         floor, why = self._below(eta, state.get("sensors", {}))
-        return Sight(t, eta, floor, why)
+        return Instant(t, eta, floor, why)
 
     def _below(self, eta: Float[np.ndarray, "6"], sensors: dict[str, Any]) -> tuple[float, str]:
         if not self._sounders:
@@ -92,17 +92,17 @@ class Painter:
         self.began: float | None = None
         self.ended: float | None = None
         self.floor: float | None = None
-        self._window: deque[Sight] = deque()  # the instants of a turn's measurement
+        self._window: deque[Instant] = deque()  # the instants of a turn's measurement
         self._next = 0  # of them, the first that is not painted yet
         self._edge: tuple[float, np.ndarray] | None = None  # time and outline of the last swath painted
 
-    def take(self, sight: Sight) -> None:
+    def take(self, now: Instant) -> None:
         """One more instant; it is painted when those of half a COURSE after it have come."""
-        if self._window and sight.t <= self._window[-1].t:
+        if self._window and now.t <= self._window[-1].t:
             return
-        self._window.append(sight)
-        self._paint(sight.t - 0.5 * COURSE)
-        while len(self._window) > 2 and self._window[1].t < sight.t - 2.0 * COURSE and self._next > 1:
+        self._window.append(now)
+        self._paint(now.t - 0.5 * COURSE)
+        while len(self._window) > 2 and self._window[1].t < now.t - 2.0 * COURSE and self._next > 1:
             self._window.popleft()
             self._next -= 1
 
@@ -112,16 +112,16 @@ class Painter:
 
     def _paint(self, until: float) -> None:
         while self._next < len(self._window) and self._window[self._next].t <= until:
-            sight = self._window[self._next]
+            now = self._window[self._next]
             self._next += 1
-            self.at = sight.t
-            self.why = sight.why or ("turning" if abs(self._turn_rate(sight.t)) > TURN else "")
-            self.height = None if np.isnan(sight.floor) else sight.floor - float(sight.eta[2])
-            outline = None if self.why else self._outline(sight)
+            self.at = now.t
+            self.why = now.why or ("turning" if abs(self._turn_rate(now.t)) > TURN else "")
+            self.height = None if np.isnan(now.floor) else now.floor - float(now.eta[2])
+            outline = None if self.why else self._outline(now)
             if outline is None:
                 self._edge = None
             else:
-                self._sweep(sight, outline)
+                self._sweep(now, outline)
 
     def _turn_rate(self, t: float) -> float:
         """Of the heading over COURSE about a time, as `mapping.navigation` has it [rad/s]."""
@@ -131,36 +131,35 @@ class Painter:
         begin, end = np.interp(ends, at, heading)
         return float(end - begin) / max(float(ends[1] - ends[0]), 1e-3)
 
-    def _outline(self, sight: Sight) -> Float[np.ndarray, "k 2"] | None:
+    def _outline(self, now: Instant) -> Float[np.ndarray, "k 2"] | None:
         """Where the rays meet a level floor, north and east [m], no number where they do not; None: none does."""
-        points, seen = footprint(self.eye, sight.eta, sight.floor)
+        points, seen = footprint(self.eye, now.eta, now.floor)
         if not seen.any():
-            self.why = "under the floor" if self.height is not None and self.height <= 0.0 else (
-                f"the floor is farther than {self.eye.reach:g} m along every ray"
-            )  # fmt: skip
+            below = self.height is not None and self.height <= 0.0
+            self.why = "below the floor" if below else f"no ray meets the floor within {self.eye.reach:g} m"
             return None
         return points
 
-    def _sweep(self, sight: Sight, outline: Float[np.ndarray, "k 2"]) -> None:
+    def _sweep(self, now: Instant, outline: Float[np.ndarray, "k 2"]) -> None:
         """Paint what lies between this outline and the one before, and, of a picture, within it."""
         before = self._edge
-        if before is not None and sight.t - before[0] > GAP:
+        if before is not None and now.t - before[0] > GAP:
             before = None
         if before is not None:
             moved = np.linalg.norm(outline - before[1], axis=1)
             width = np.nanmax(outline, axis=0) - np.nanmin(outline, axis=0)
             if np.nanmax(moved, initial=0.0) < max(0.5 * self.cells.cell, FINEST * float(np.hypot(*width))):
-                self._edge = sight.t, before[1]  # as if it still were there, so that a hovering vehicle leaves no gap
-                self._note(sight)
+                self._edge = now.t, before[1]  # as if it still were there, so that a hovering vehicle leaves no gap
+                self._note(now)
                 return
         if (hull := _hull(outline if before is None else np.concatenate([before[1], outline]))) is not None:
-            self.cells.paint(hull, sight.t)
-        self._edge = sight.t, outline
-        self._note(sight)
+            self.cells.paint(hull, now.t)
+        self._edge = now.t, outline
+        self._note(now)
 
-    def _note(self, sight: Sight) -> None:
-        self.began, self.ended = sight.t if self.began is None else self.began, sight.t
-        self.floor = sight.floor
+    def _note(self, now: Instant) -> None:
+        self.began, self.ended = now.t if self.began is None else self.began, now.t
+        self.floor = now.floor
 
 
 def footprint(

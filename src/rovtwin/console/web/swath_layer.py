@@ -40,7 +40,7 @@ class SwathLayer:
         self._folder, self._t = "", -1.0
         self._found: dict[str, dict[str, Any]] = {}  # of the area, by eye
         self._judged: list[Any] = []  # what they rest on: the area, and how much each eye had seen
-        self._told_last: dict[str, Any] = {}
+        self._sent: dict[str, Any] = {}
         hub.others["fill_gaps"] = self.fill
 
     async def run(self) -> None:
@@ -54,13 +54,13 @@ class SwathLayer:
             except RovtwinError as error:  # the worker is busy, or was ended
                 logger.warning("the swath: %s", error)
                 await asyncio.sleep(AGAIN)
-        told = 0.0
+        sent_at = 0.0
         while True:
             await asyncio.sleep(LOOK)
             try:
                 self.look(self._hub.client.last.get("state", {}))
-                if (now := asyncio.get_running_loop().time()) >= told + EVERY and self._hub.pages:
-                    told = now
+                if (now := asyncio.get_running_loop().time()) >= sent_at + EVERY and self._hub.pages:
+                    sent_at = now
                     await self.tell()
             except Exception:  # a mistake of ours must not end the layer
                 logger.exception("the swath")
@@ -82,9 +82,9 @@ class SwathLayer:
         if not folder or t is None or t == self._t:
             return
         self._t = t
-        if (sight := self._depths.instant(state)) is not None:
+        if (instant := self._depths.instant(state)) is not None:
             for painter in self.painters:
-                painter.take(sight)
+                painter.take(instant)
 
     async def tell(self) -> None:
         """The message to all pages, with what is known of the survey's area by now."""
@@ -105,8 +105,8 @@ class SwathLayer:
                 return
             self._found = found
         self._judged = basis
-        if (message := self.message()) != self._told_last:
-            self._told_last = message
+        if (message := self.message()) != self._sent:
+            self._sent = message
             self._hub.keep(message)
 
     def message(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class SwathLayer:
             "flying": bool(self._folder),
             "area": None if area is None else area.corners,
             "notes": self.notes,
-            "eyes": [self._told(painter) for painter in self.painters],
+            "eyes": [self._report(painter) for painter in self.painters],
         }
 
     async def fill(self, what: dict[str, Any]) -> str:
@@ -154,7 +154,7 @@ class SwathLayer:
     def _area(self) -> SurveyArea | None:
         return self._hub.draft.area or self._hub.submitted_area
 
-    def _told(self, painter: Painter) -> dict[str, Any]:
+    def _report(self, painter: Painter) -> dict[str, Any]:
         return {
             "name": painter.eye.name,
             "kind": painter.eye.kind,

@@ -47,8 +47,8 @@ export class SwathPanel {
     const head = this.#head(t);
     if (this.head.textContent !== head) this.head.textContent = head;
     const facts = this.#facts(t);
-    if (this.said !== facts.join()) {
-      this.said = facts.join();
+    if (this.listed !== facts.join()) {
+      this.listed = facts.join();
       this.facts.replaceChildren(...facts.map(text => make('li', {}, text)));
     }
     const replay = Boolean(chart.model.state?.replay);
