@@ -69,6 +69,11 @@ def newest(desk):
     return next((one for one in found if one["kind"] == "swath"), None)
 
 
+def shown(layer):
+    ran(layer.judge())
+    layer.send()
+
+
 def flown(layer, seconds=20.0, **more):
     for state in states(*straight(seconds, **more)):
         layer.look(state)
@@ -76,7 +81,7 @@ def flown(layer, seconds=20.0, **more):
 
 def test_a_page_that_comes_late_is_given_all_that_was_painted(desk, layer):
     flown(layer)
-    ran(layer.tell())
+    shown(layer)
     message = newest(desk)
     assert set(message) == {"kind", "flying", "area", "notes", "eyes"}
     assert message["flying"] and message["area"] is None and message["notes"] == []
@@ -97,20 +102,20 @@ def test_a_page_that_comes_late_is_given_all_that_was_painted(desk, layer):
 def test_share_and_gaps_are_of_the_area_of_the_draft_or_of_what_was_submitted(desk, layer):
     flown(layer)
     desk.draft.load([], AREA)
-    ran(layer.tell())
+    shown(layer)
     message = newest(desk)
     assert message["area"] == [list(corner) for corner in AREA.corners]
     found = message["eyes"][0]["found"]
     assert found["area_m2"] == pytest.approx(24.0) and found["share"] == pytest.approx(1.72 * 5.8 / 24, rel=0.05)
     assert found["gaps_m2"] == pytest.approx((1 - found["share"]) * 24.0, rel=0.02)
     desk.draft.clear()
-    ran(layer.tell())
+    shown(layer)
     assert newest(desk)["area"] is None and newest(desk)["eyes"][0]["found"] is None
     desk.draft.undo()
     ran(desk.drafting.do({"op": "add", "x": 1, "y": 1}))
     ran(desk.drafting.do({"op": "submit"}))
     desk.draft.clear()
-    ran(layer.tell())
+    shown(layer)
     assert newest(desk)["eyes"][0]["found"]["share"] == found["share"]
 
 
@@ -119,7 +124,7 @@ def test_a_new_flight_begins_with_nothing_and_the_last_one_stays_until_then(desk
     before = layer.painters[0].cells.seen_m2
     layer.look({"folder": "", "t": 10.0, "eta": [0.0] * 6})
     assert layer.painters[0].cells.seen_m2 > before  # what had waited for the end of a turn's measurement
-    ran(layer.tell())
+    shown(layer)
     assert newest(desk)["eyes"][0]["cells"] is not None and not newest(desk)["flying"]
     layer.look(states([11.0], [[0, 0, 3.4, 0, 0, 0]], folder="runs/b")[0])
     assert layer.painters[0].cells.seen_m2 == 0.0
@@ -138,7 +143,7 @@ def test_an_area_that_cannot_be_judged_shows_why(desk, layer):
     flown(layer, 5.0)
     desk.draft.load([], AREA)
     desk.worker.refuses = RovtwinError("a survey needs shapely")
-    ran(layer.tell())
+    shown(layer)
     assert newest(desk)["eyes"][0]["found"] == {"error": "a survey needs shapely"}
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +42,7 @@ class SwathLayer:
         self._found: dict[str, dict[str, Any]] = {}  # of the area, by eye
         self._judged: list[Any] = []  # what they rest on: the area, and how much each eye had seen
         self._sent: dict[str, Any] = {}
+        self._judging: asyncio.Task[None] | None = None
         hub.others["fill_gaps"] = self.fill
 
     async def run(self) -> None:
@@ -54,16 +56,25 @@ class SwathLayer:
             except RovtwinError as error:  # the worker is busy, or was ended
                 logger.warning("the swath: %s", error)
                 await asyncio.sleep(AGAIN)
-        sent_at = 0.0
+        await asyncio.gather(*(self._again(what, every) for what, every in ((self._paint, LOOK), (self._show, EVERY))))
+
+    async def _again(self, what: Callable[[], Awaitable[None]], every: float) -> None:
         while True:
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(every)
             try:
-                self.look(self._hub.client.last.get("state", {}))
-                if (now := asyncio.get_running_loop().time()) >= sent_at + EVERY and self._hub.pages:
-                    sent_at = now
-                    await self.tell()
+                await what()
             except Exception:  # a mistake of ours must not end the layer
                 logger.exception("the swath")
+
+    async def _paint(self) -> None:
+        self.look(self._hub.client.last.get("state", {}))
+
+    async def _show(self) -> None:
+        if not self._hub.pages:
+            return
+        if self._judging is None or self._judging.done():  # it waits while a survey is laid out, and the rest goes on
+            self._judging = asyncio.create_task(self.judge())
+        self.send()
 
     def open(self, eyes: list[Eye], notes: list[str], depths: Depths) -> None:
         """Paint from now on what these see."""
@@ -86,25 +97,23 @@ class SwathLayer:
             for painter in self.painters:
                 painter.take(instant)
 
-    async def tell(self) -> None:
-        """The message to all pages, with what is known of the survey's area by now."""
+    async def judge(self) -> None:
+        """Find by the worker what of the survey's area is missing, where that may be other than it was."""
         area = self._area()
         basis = [area, *(painter.cells.seen_m2 for painter in self.painters)]
-        if area is None:
-            self._found = {}
-        elif basis != self._judged:
-            found = {}
-            for painter in self.painters:
-                try:
-                    found[painter.eye.name] = await self._hub.worker.call(
-                        share_seen, area.corners, _seen(painter, area)
-                    )
-                except RovtwinError as error:
-                    found[painter.eye.name] = {"error": str(error)}
-            if area != self._area():
-                return
-            self._found = found
-        self._judged = basis
+        if area is None or basis == self._judged:
+            return
+        found = {}
+        for painter in list(self.painters):
+            try:
+                seen = _seen(painter, area)
+                found[painter.eye.name] = await self._hub.worker.call(share_seen, area.corners, seen)
+            except RovtwinError as error:
+                found[painter.eye.name] = {"error": str(error)}
+        self._found, self._judged = found, basis
+
+    def send(self) -> None:
+        """The message to all pages, if it is another one than the last."""
         if (message := self.message()) != self._sent:
             self._sent = message
             self._hub.keep(message)
@@ -149,7 +158,7 @@ class SwathLayer:
 
     def _begin(self) -> None:
         self.painters = [Painter(eye) for eye in self._eyes]
-        self._t, self._judged = -1.0, []
+        self._t, self._found, self._judged = -1.0, {}, []
 
     def _area(self) -> SurveyArea | None:
         return self._hub.draft.area or self._hub.submitted_area
@@ -166,7 +175,7 @@ class SwathLayer:
             "ended": painter.ended,
             "seen_m2": painter.cells.seen_m2,
             "cells": painter.cells.message(),
-            "found": self._found.get(painter.eye.name),
+            "found": self._found.get(painter.eye.name) if self._judged and self._judged[0] == self._area() else None,
         }
 
 

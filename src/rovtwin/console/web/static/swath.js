@@ -5,6 +5,8 @@ import {live} from '/static/live.js';
 const ONCE = 0.34; // how strongly a cell is painted that was seen once, and more often
 const MORE = 0.66;
 const NEVER = 65535;
+const LARGE = 200000; // cells of a picture that is not painted anew for every step of a replay
+const COARSE = 0.5; // [s]
 const WORDS = 46; // a gap that is smaller on the screen has no figure [px]
 const HATCH = 7; // from line to line in a gap [px]
 
@@ -27,19 +29,27 @@ class Picture {
   #passes(i, now) {
     const {numbers, cells} = this;
     if (cells.step === undefined) return numbers[i];
-    return (numbers[i] !== NEVER && numbers[i] <= now) + (numbers[i + cells.rows * cells.columns] !== NEVER && numbers[i + cells.rows * cells.columns] <= now);
+    const by = when => when !== NEVER && when <= now;
+    return by(numbers[i]) + by(numbers[i + cells.rows * cells.columns]);
   }
 
+  /** The step of a time; of a large picture, which takes the browser a while, one every COARSE. */
   #now(t) {
-    return this.cells.step === undefined ? 0 : Math.floor((t - this.cells.begin) / this.cells.step);
+    const {begin, step, rows, columns} = this.cells;
+    if (step === undefined) return 0;
+    const every = rows * columns > LARGE ? Math.max(1, Math.round(COARSE / step)) : 1;
+    return every * Math.floor((t - begin) / step / every);
   }
 
   /** Area seen by a time [m2]. */
   seen(t) {
     const now = this.#now(t);
-    let count = 0;
-    for (let i = 0; i < this.cells.rows * this.cells.columns; i++) count += this.#passes(i, now) > 0;
-    return count * this.cells.cell ** 2;
+    if (this.counted?.now !== now) {
+      let count = 0;
+      for (let i = 0; i < this.cells.rows * this.cells.columns; i++) count += this.#passes(i, now) > 0;
+      this.counted = {now, area: count * this.cells.cell ** 2};
+    }
+    return this.counted.area;
   }
 
   at(t) {
