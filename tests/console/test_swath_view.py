@@ -52,6 +52,7 @@ def chart(open_views):
         for one in (*first, message):
             page.evaluate("message => window.emit(message)", one)
         page.wait_for_timeout(100)  # cells are unpacked beside the page
+        page.evaluate("document.querySelector('#chart .chart-swath details').open = true")
         page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
         return page
 
@@ -77,7 +78,7 @@ def test_share_gaps_and_height_are_shown(chart):
 
 def test_why_nothing_is_painted_is_shown_with_since_when(chart):
     page = chart(swath(eye(why="turning", ended=4.0)))
-    assert "not painted now: turning, for 0:06" in words(page)
+    assert "not painted now: turning, for 6 s" in words(page)
 
 
 def test_a_vehicle_without_an_eye_has_no_panel(chart):

@@ -83,6 +83,7 @@ def test_share_and_gaps_are_those_of_the_map(tmp_path):
     window = painter.cells.window(np.min(AREA, axis=0), np.max(AREA, axis=0))
     found = share_seen(AREA, Seen.of(*window, painter.cells.cell))
     area = 4.2 * 2.6
+    # A cell of the map counts as seen where any pixel falls into it: up to half a cell, 15 mm, more at every edge.
     assert 0.05 < missing / area < 0.4
-    assert found["share"] == pytest.approx(1.0 - missing / area, abs=0.015)
-    assert found["gaps_m2"] == pytest.approx(missing, abs=0.015 * area)
+    assert -0.005 < (1.0 - missing / area) - found["share"] < 0.02
+    assert found["gaps_m2"] == pytest.approx(missing, abs=0.02 * area)

@@ -4,7 +4,6 @@ import {lasting} from '/static/clock.js';
 import {live} from '/static/live.js';
 import {squareMetres} from '/static/swath.js';
 
-const NARROW = '(max-width: 900px)';
 const QUIET = 2; // nothing new for so long is worth a word [s]
 const KINDS = {imager: 'imager', camera: 'camera', sonar: 'sonar'};
 const percent = share => `${share > 0.99 && share < 1 ? '> 99' : Math.round(100 * share)} %`;
@@ -19,16 +18,17 @@ export class SwathPanel {
     this.facts = make('ul', {});
     this.fill = make('button', {type: 'button', class: 'chart-fill', onclick: () => this.#fill()}, 'Plan the gaps');
     this.answer = make('p', {role: 'status'});
-    this.element = make(
+    this.gaps = make('span', {class: 'chart-small'});
+    this.note = make('span', {class: 'chart-note'});
+    this.more = make(
       'details',
-      {class: 'chart-swath', hidden: true, open: !matchMedia(NARROW).matches},
-      make('summary', {'aria-label': 'Floor that was seen'}, this.head),
-      make('label', {class: 'chart-check'}, this.layer, make('span', {}, 'Show what was seen')),
+      {ontoggle: () => this.show()},
+      make('summary', {}, this.head, this.gaps, this.note),
+      make('label', {}, this.layer, make('span', {}, 'Show what was seen')),
       this.picked,
       this.facts,
-      this.fill,
-      this.answer,
     );
+    this.element = make('div', {class: 'chart-swath', hidden: true}, this.more, this.fill, this.answer);
   }
 
   show() {
@@ -44,16 +44,16 @@ export class SwathPanel {
     }
     if (eye) this.eyes.value = eye.name;
     const t = chart.model.state?.t ?? 0;
-    const head = this.#head(t);
-    if (this.head.textContent !== head) this.head.textContent = head;
-    const facts = this.#facts(t);
+    for (const [element, text] of [[this.head, this.#head(t)], [this.gaps, this.#missing()], [this.note, this.#silence(t)]]) {
+      if (element.textContent !== text) element.textContent = text;
+    }
+    const facts = this.#facts();
     if (this.listed !== facts.join()) {
       this.listed = facts.join();
       this.facts.replaceChildren(...facts.map(text => make('li', {}, text)));
     }
-    const replay = Boolean(chart.model.state?.replay);
-    this.fill.hidden = replay || !eye;
     const why = this.#refusal();
+    this.fill.hidden = Boolean(chart.model.state?.replay) || !eye || (Boolean(why) && !this.more.open);
     this.fill.disabled = Boolean(why) || this.busy;
     this.fill.title = why || 'Lay a draft over what was not seen of the area';
   }
@@ -66,21 +66,32 @@ export class SwathPanel {
     return `Seen ${squareMetres(eye.course ? picture.seen(t) : eye.seen_m2)}`;
   }
 
-  #facts(t) {
+  /** How much of the area is missing. */
+  #missing() {
+    const {found} = this.swath.eye ?? {};
+    if (!found || found.error) return '';
+    return found.count ? `${found.count} ${found.count === 1 ? 'gap' : 'gaps'}, ${squareMetres(found.gaps_m2)}` : 'no gaps';
+  }
+
+  /** Why nothing is painted now, and for how long. */
+  #silence(t) {
+    const {eye, message} = this.swath;
+    const why = eye && this.swath.why(t);
+    if (!why || !(message.flying || eye.course)) return '';
+    const since = eye.course || eye.ended === null ? 0 : t - eye.ended;
+    return `not painted now: ${why}${since > QUIET ? `, for ${lasting(since)}` : ''}`;
+  }
+
+  #facts() {
     const {eye, message, picture} = this.swath;
     const facts = [...(message.notes ?? [])];
     if (!eye) return facts;
-    const {found} = eye;
-    if (found?.error) facts.push(found.error);
-    if (found?.count) facts.push(`${found.count} ${found.count === 1 ? 'gap' : 'gaps'}, ${squareMetres(found.gaps_m2)}`);
-    else if (found?.share !== undefined) facts.push('no gaps');
-    else if (!eye.course) facts.push('no area: lay a survey with Area');
-    if (picture && !eye.course) facts.push(`in ${lasting(eye.ended - eye.began)}`);
-    const height = eye.height === null || eye.height === undefined ? 'height' : `${eye.height.toFixed(2)} m over the floor`;
-    if (eye.by) facts.push(`${height} by ${eye.by}; sees up to ${eye.reach} m`);
-    const why = this.swath.why(t);
-    const since = eye.ended === null ? 0 : t - eye.ended;
-    if (why && (message.flying || eye.course)) facts.push(`not painted now: ${why}${since > QUIET && !eye.course ? `, for ${lasting(since)}` : ''}`);
+    if (eye.found?.error) facts.push(eye.found.error);
+    if (!message.area && !eye.course) facts.push('no area: lay a survey with Area');
+    if (picture && !eye.course) facts.push(`seen within ${lasting(eye.ended - eye.began)}`);
+    const known = eye.height !== null && eye.height !== undefined;
+    if (eye.by) facts.push(`${known ? `${eye.height.toFixed(2)} m over the floor` : 'height'} by ${eye.by}`);
+    facts.push(`sees up to ${eye.reach} m far`);
     return facts;
   }
 
