@@ -69,8 +69,9 @@ def test_share_gaps_and_height_are_shown(chart):
     for part in (
         "Seen 67 % of 36 m²",
         "1 gap, 12 m²",
-        "in 0:08",
-        "1.50 m over the floor by altimeter; sees up to 12 m",
+        "within 8 s",
+        "1.50 m over the floor by altimeter",
+        "up to 12 m",
     ):
         assert part in text, text
     assert "not painted" not in text
@@ -82,7 +83,7 @@ def test_why_nothing_is_painted_is_shown_with_since_when(chart):
 
 
 def test_a_vehicle_without_an_eye_has_no_panel(chart):
-    page = chart(messages.plan())
+    page = chart(swath(eyes=[]))
     assert not page.locator("#chart .chart-swath").is_visible()
     page.get_by_text("Legend").click()
     assert not page.get_by_text("floor seen once").is_visible()

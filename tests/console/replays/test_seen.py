@@ -30,9 +30,9 @@ def recorded(folder, names=("autopilot/eta", "truth/eta"), world=WORLD, **more):
     received = (t < 8.0) | (t > 12.0)
     values["sensor/altimeter"] = (t[received], np.column_stack([ranges, t])[received])
     log = Log.from_arrays(channels, values, {"scenario": dump_scenario(scenario)})
-    for state in given:
-        if 8.0 <= state["t"] <= 12.0:
-            state["sensors"]["altimeter"]["age"] = state["t"] - 7.9
+    last = int(np.flatnonzero(received & (t < 8.0))[-1])
+    for i in np.flatnonzero(~received):
+        given[i]["sensors"] = {"altimeter": {"age": t[i] - t[last], "value": [ranges[last]]}}
     return Recording(log, folder / "log.mcap"), given, scenario
 
 

@@ -159,7 +159,7 @@ def test_an_hours_dive_stays_within_the_memory_and_keeps_its_area():
     cells, t, area = Cells(), 0.0, 0.0
     for line in range(30):
         for step in range(30):
-            low, east = np.array([40.0 * step, 30.0 * line]) - 400.0
+            low, east = np.array([40.0 * step, 30.03 * line]) - 400.7
             cells.paint(np.array([[low, east], [low + 40.0, east], [low + 40.0, east + 8.0], [low, east + 8.0]]), t)
             t, area = t + 4.0, area + 40.0 * 8.0
     assert cells.first.size <= MOST and cells.cell > CELL

@@ -4,6 +4,7 @@ import {lasting} from '/static/clock.js';
 import {live} from '/static/live.js';
 import {squareMetres} from '/static/swath.js';
 
+const NOTHING = 'Seen: nothing yet';
 const QUIET = 2; // nothing new for so long is worth a word [s]
 const KINDS = {imager: 'imager', camera: 'camera', sonar: 'sonar'};
 const percent = share => `${share > 0.99 && share < 1 ? '> 99' : Math.round(100 * share)} %`;
@@ -11,7 +12,7 @@ const percent = share => `${share > 0.99 && share < 1 ? '> 99' : Math.round(100 
 export class SwathPanel {
   constructor(chart, swath) {
     Object.assign(this, {chart, swath});
-    this.head = make('span', {});
+    this.head = make('span', {}, NOTHING);
     this.eyes = make('select', {'aria-label': 'Sensor whose swath is shown', onchange: () => this.#pick()});
     this.picked = make('label', {hidden: true}, make('span', {}, 'Sensor'), this.eyes);
     this.layer = make('input', {type: 'checkbox', checked: true, onchange: () => this.#toggle()});
@@ -62,7 +63,7 @@ export class SwathPanel {
     const {eye, picture} = this.swath;
     if (!eye) return 'Seen: not known';
     if (eye.found?.share !== undefined) return `Seen ${percent(eye.found.share)} of ${squareMetres(eye.found.area_m2)}`;
-    if (!picture) return 'Seen: nothing yet';
+    if (!picture) return NOTHING;
     return `Seen ${squareMetres(eye.course ? picture.seen(t) : eye.seen_m2)}`;
   }
 
