@@ -21,7 +21,8 @@ from rovtwin.runs.mapping.request import TURN
 def painted(eye, given, floor=None, sounders=(SOUNDER,)):
     painter, depths = Painter(eye), Depths(list(sounders), floor)
     for state in given:
-        painter.take(depths.instant(state))
+        if (instant := depths.instant(state)) is not None:
+            painter.take(instant)
     painter.finish()
     return painter
 
@@ -142,6 +143,29 @@ def test_no_strip_leads_over_a_gap_of_time():
     painter = painted(fan(), states(t[there], eta[there]))
     whole = painted(fan(), states(t, eta)).cells.seen_m2
     assert painter.cells.seen_m2 == pytest.approx(2.0 / 3.0 * whole, rel=0.02)
+
+
+def test_no_strip_leads_over_a_leap_of_the_estimate():
+    """A position that comes back after a while puts the estimate right: nobody saw what lies between."""
+    t, eta = straight(20.0)
+    eta[t > 10.0, 0] += 5.0
+    leapt, whole = painted(fan(), states(t, eta)), painted(fan(), states(*straight(20.0)))
+    assert leapt.cells.seen_m2 == pytest.approx(whole.cells.seen_m2, rel=0.02)
+
+
+def test_a_state_without_a_number_is_passed_over():
+    given = states(*straight(20.0))
+    given[150]["eta"][3] = given[151]["eta"][0] = None
+    given[152]["eta"] = None
+    whole = painted(fan(), states(*straight(20.0)))
+    assert painted(fan(), given).cells.seen_m2 == pytest.approx(whole.cells.seen_m2, rel=1e-3)
+
+
+def test_rays_at_the_end_of_their_reach_come_and_go():
+    """Of a fan that reaches just to the floor, the outer rays are lost while it rolls; the strip is what is in reach."""
+    painter = painted(fan(reach=1.6), states(*straight(20.0)))
+    width = 2.0 * np.sqrt(1.6**2 - 1.49**2)
+    assert painter.cells.seen_m2 == pytest.approx(0.3 * 20.0 * width, rel=0.15)
 
 
 def test_what_was_out_of_view_is_seen_a_second_time():

@@ -16,6 +16,7 @@ from rovtwin.runs.mapping.request import COURSE, TURN
 
 STALE = 1.0  # a reading, or a link, that is older says nothing any more [s]
 GAP = 3.0  # between two poses, over which no strip is drawn [s]
+LEAP, FASTEST = 0.5, 2.0  # an estimate that goes farther [m], at more than that speed [m/s], was put right: no strip
 FINEST = 0.02  # of the swath: the vehicle moves on so far before it is painted again, or half a cell
 
 
@@ -52,9 +53,9 @@ class Depths:
 
     def instant(self, state: dict[str, Any]) -> Instant | None:
         """Of a state as the engine reports it; None where it has no pose."""
-        if state.get("eta") is None:
+        t, eta = float(state["t"]), np.asarray(state.get("eta"), float)
+        if eta.shape != (6,) or not np.isfinite(eta).all():
             return None
-        t, eta = float(state["t"]), np.asarray(state["eta"], float)
         if (state.get("link_age") or 0.0) > STALE:
             return Instant(t, eta, np.nan, "nothing comes from the vehicle")
         floor, why = self._below(eta, state.get("sensors", {}))
@@ -94,7 +95,7 @@ class Painter:
         self.floor: float | None = None
         self._window: deque[Instant] = deque()  # the instants of a turn's measurement
         self._next = 0  # of them, the first that is not painted yet
-        self._edge: tuple[float, np.ndarray] | None = None  # time and outline of the last swath painted
+        self._edge: tuple[Instant, np.ndarray] | None = None  # the last swath painted: when, and its outline
 
     def take(self, now: Instant) -> None:
         """One more instant; it is painted when those of half a COURSE after it have come."""
@@ -142,20 +143,28 @@ class Painter:
 
     def _sweep(self, now: Instant, outline: Float[np.ndarray, "k 2"]) -> None:
         """Paint what lies between this outline and the one before, and, of a picture, within it."""
-        before = self._edge
-        if before is not None and now.t - before[0] > GAP:
-            before = None
-        if before is not None:
-            moved = np.linalg.norm(outline - before[1], axis=1)
-            width = np.nanmax(outline, axis=0) - np.nanmin(outline, axis=0)
-            if np.nanmax(moved, initial=0.0) < max(0.5 * self.cells.cell, FINEST * float(np.hypot(*width))):
-                self._edge = now.t, before[1]  # as if it still were there, so that a hovering vehicle leaves no gap
-                self._note(now)
-                return
+        before = self._edge if self._edge is not None and self._continues(self._edge[0], now) else None
+        self._note(now)
+        if before is not None and self._is_still(before[1], outline):
+            self._edge = now, before[1]  # as if it still were there, so that a hovering vehicle leaves no gap
+            return
         if (hull := _hull(outline if before is None else np.concatenate([before[1], outline]))) is not None:
             self.cells.paint(hull, now.t)
-        self._edge = now.t, outline
-        self._note(now)
+        self._edge = now, outline
+
+    def _continues(self, before: Instant, now: Instant) -> bool:
+        """Whether a vehicle can have gone from one instant to the next."""
+        time, way = now.t - before.t, float(np.linalg.norm(now.eta[:3] - before.eta[:3]))
+        return time <= GAP and way <= LEAP + FASTEST * time
+
+    def _is_still(self, before: Float[np.ndarray, "k 2"], outline: Float[np.ndarray, "k 2"]) -> bool:
+        """Whether an outline lies where the one before does, the same rays being seen."""
+        seen = np.isfinite(outline[:, 0])
+        if (seen != np.isfinite(before[:, 0])).any():
+            return False
+        size = float(np.hypot(*np.ptp(outline[seen], axis=0)))
+        moved = np.linalg.norm(outline[seen] - before[seen], axis=1)
+        return float(moved.max()) < max(0.5 * self.cells.cell, FINEST * size)
 
     def _note(self, now: Instant) -> None:
         self.began, self.ended = now.t if self.began is None else self.began, now.t
