@@ -158,3 +158,13 @@ def test_a_replay_shows_what_was_seen_by_its_time(chart):
     page.evaluate("message => window.emit(message)", messages.state(replay=True, t=6.0))
     assert "Seen 24 m²" in words(page) and "not painted now: no height by altimeter" in words(page)
     assert not page.get_by_role("button", name="Plan the gaps").is_visible()
+
+
+@pytest.mark.parametrize("theme", ["", "daylight"])
+def test_axe_has_nothing_to_say_of_the_panel(chart, theme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe-playwright-python")
+    page = chart(swath(eye(why="turning", ended=4.0), eye(name="camera", kind="camera")))
+    page.evaluate("theme => { document.body.className = theme; }", theme)
+    violations = axe.Axe().run(page, context=".chart-corner").response["violations"]
+    page.evaluate("document.body.className = ''")
+    assert [one["id"] for one in violations if one["impact"] != "minor"] == []

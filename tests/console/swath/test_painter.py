@@ -162,7 +162,7 @@ def test_a_state_without_a_number_is_passed_over():
 
 
 def test_rays_at_the_end_of_their_reach_come_and_go():
-    """Of a fan that reaches just to the floor, the outer rays are lost while it rolls; the strip is what is in reach."""
+    """Of a fan that just reaches the floor, outer rays are lost while it rolls; the strip is what is in reach."""
     painter = painted(fan(reach=1.6), states(*straight(20.0)))
     width = 2.0 * np.sqrt(1.6**2 - 1.49**2)
     assert painter.cells.seen_m2 == pytest.approx(0.3 * 20.0 * width, rel=0.15)
