@@ -12,6 +12,7 @@ from rovtwin.console.swath.eyes import eyes_of, sounders_of
 from rovtwin.console.swath.gaps import Seen, share_seen
 from rovtwin.console.swath.painter import Depths, Painter
 from rovtwin.core.log import Channel, Log
+from rovtwin.runs.fly import fly
 from rovtwin.runs.mapping.make import map_run
 from rovtwin.runs.mapping.request import MapRequest
 from rovtwin.runs.recording.channels import ETA, ETA_UNITS
@@ -51,39 +52,56 @@ def flown(folder):
     scenario = load_scenario("lawnmower_calm", ["world.floor=5", "sensors={altimeter: true}"])
     Log.from_arrays(channels, values, {"scenario": dump_scenario(scenario)}).write(folder / "log.mcap")
     (folder / "scenario.yaml").write_text(dump_scenario(scenario))
-    scene = {
-        "name": "flat",
-        "water": {"constituents": {"cdom_440": 0.12, "scattering_550": 0.17}},
-        "bottom": {"depth": 5.0, "surface": {"material": "mud"}},
-        "light": {"surface": 0.0},
-    }
-    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
-    (folder / "area.yaml").write_text(yaml.safe_dump({"outline": [list(corner) for corner in AREA]}))
     return scenario
 
 
-def test_share_and_gaps_are_those_of_the_map(tmp_path):
-    scenario = flown(tmp_path)
-    scan_run(
-        tmp_path,
-        ScanRequest(imager(pixels=120), str(tmp_path / "scene.yaml"), navigation="truth"),
-        tmp_path / "lines.h5",
-    )
-    request = MapRequest(
-        tmp_path / "lines.h5", "estimate", resolution=0.03, area=tmp_path / "area.yaml", formats=("envi",)
-    )
-    map_run(tmp_path, request, tmp_path / "map")
-    missing = json.loads((tmp_path / "map" / "gaps.geojson").read_text())["area_m2"]
+def compared(folder, scenario, area, depth, resolution):
+    """Share seen by the console's sums and by the map; m2 of gaps of both."""
+    scene = {
+        "name": "flat",
+        "water": {"constituents": {"cdom_440": 0.12, "scattering_550": 0.17}},
+        "bottom": {"depth": depth, "surface": {"material": "mud"}},
+        "light": {"surface": 0.0},
+    }
+    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
+    (folder / "area.yaml").write_text(yaml.safe_dump({"outline": [list(corner) for corner in area]}))
+    lines = folder / "lines.h5"
+    scan_run(folder, ScanRequest(imager(pixels=120), str(folder / "scene.yaml"), navigation="truth"), lines)
+    request = MapRequest(lines, "estimate", resolution=resolution, area=folder / "area.yaml", formats=("envi",))
+    map_run(folder, request, folder / "map")
+    missing = json.loads((folder / "map" / "gaps.geojson").read_text())["area_m2"]
 
-    recording, depths = Recording.open(tmp_path), Depths(sounders_of(scenario), 5.0)
+    recording, depths = Recording.open(folder), Depths(sounders_of(scenario), depth)
     painter = Painter(eyes_of(scenario)[0][0])
     for t in recording.tape["eta"].t.tolist():
         painter.take(depths.instant({"t": t, "eta": recording.at("eta", t), "sensors": recording.sensors(t)}))
     painter.finish()
-    window = painter.cells.window(np.min(AREA, axis=0), np.max(AREA, axis=0))
-    found = share_seen(AREA, Seen.of(*window, painter.cells.cell))
+    window = painter.cells.window(np.min(area, axis=0), np.max(area, axis=0))
+    found = share_seen(area, Seen.of(*window, painter.cells.cell))
+    return found["share"], 1.0 - missing / found["area_m2"], found["gaps_m2"], missing
+
+
+# A cell of the map counts as seen where any pixel falls into it: up to half a cell more at every edge.
+
+
+def test_share_and_gaps_are_those_of_the_map(tmp_path):
+    painted, mapped, gaps, missing = compared(tmp_path, flown(tmp_path), AREA, 5.0, 0.03)
     area = 4.2 * 2.6
-    # A cell of the map counts as seen where any pixel falls into it: up to half a cell, 15 mm, more at every edge.
     assert 0.05 < missing / area < 0.4
-    assert -0.005 < (1.0 - missing / area) - found["share"] < 0.02
-    assert found["gaps_m2"] == pytest.approx(missing, abs=0.02 * area)
+    assert -0.005 < mapped - painted < 0.02
+    assert gaps == pytest.approx(missing, abs=0.02 * area)
+
+
+@pytest.mark.slow
+def test_share_and_gaps_of_a_flight_of_the_twin_are_those_of_the_map(tmp_path):
+    """Three lines too far apart, by a vehicle that steers, estimates and measures for itself; cells as by default."""
+    places = ((0.0, 1.2), (7.3, 1.2), (8.0, 2.6), (0.7, 2.6), (0.0, 4.0), (7.3, 4.0))
+    points = ", ".join(f"{{position: [{x}, {y}, 3.0], speed: 0.25}}" for x, y in places)
+    world = ["world.floor=4.5", "sensors={altimeter: true, dvl: true}", "autopilot=model_based", "duration=260"]
+    scenario = load_scenario("lawnmower_calm", [*world, f"mission.waypoints=[{points}]"])
+    assert fly(scenario, tmp_path / "run").completed
+    area = ((1.0, 0.7), (6.5, 0.7), (6.5, 4.5), (1.0, 4.5))
+    painted, mapped, gaps, missing = compared(tmp_path / "run", scenario, area, 4.5, 0.01)
+    assert 0.05 < 1.0 - painted < 0.4
+    assert -0.005 < mapped - painted < 0.02
+    assert gaps == pytest.approx(missing, abs=0.02 * 5.5 * 3.8)
