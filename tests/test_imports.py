@@ -158,15 +158,15 @@ LAYERS: dict[str, list[set[str]]] = {
         {"bridge"},
     ],
     "console/web": [
-        {"assessing", "browser", "camera_stream", "gate", "mesh", "own_views", "panels", "sea_check"},
+        {"assessing", "browser", "camera_stream", "gate", "mesh", "own_views", "panels", "sea_check", "swath_layer"},
         {"drafting", "page", "sockets"},
         {"hub"},
         {"commissioning", "replays"},
         {"app"},
     ],
     "console": [
-        {"assess", "clock", "control", "locks", "orders", "pictures", "planning", "view", "wire", "worker"},
-        {"camera", "client", "commissioning", "engine", "launch", "video"},
+        {"assess", "clock", "control", "locks", "orders", "pictures", "surveys", "view", "wire", "worker"},
+        {"camera", "client", "commissioning", "engine", "launch", "planning", "swath", "video"},
         {"replays"},
         {"web"},
     ],

@@ -19,6 +19,8 @@ FIGURES = Path(__file__).parents[1] / "figures"
 PORT = 8790
 SMALL, LARGE = {"width": 1366, "height": 768}, {"width": 1920, "height": 1080}
 CHANGED = ["world.thruster_health={port.surge: 0.6}", "world.net_buoyancy=-2.0"]
+WORLD = ["world.floor=4.5", "sensors.altimeter=true", "autopilot=model_based"]
+AREA = [[1.0, 0.5], [7.0, 0.5], [7.0, 6.0], [1.0, 6.0]]
 CONSOLE = ["console", "lawnmower_calm", "--set", "cameras=[{scene: pool}]"]
 
 
@@ -32,6 +34,20 @@ def fly(page: Page) -> None:
     page.wait_for_function("() => rovtwin.last.plan.submitted")
     page.click("#start")
     page.wait_for_function("() => rovtwin.last.state.waypoint >= 3", timeout=120_000)
+
+
+def survey(page: Page) -> None:
+    """Fly lines that are too far apart over an area, until half of it was seen."""
+    page.wait_for_function("() => window.rovtwin?.last?.state?.eta && rovtwin.last.swath", timeout=240_000)
+    page.evaluate("rovtwin.send({do: 'pace', speed: 5})")
+    template = "{do: 'plan', op: 'template', name: 'lawnmower', spacing: 1.4, depth: 3.0, speed: 0.2"
+    page.evaluate(f"area => rovtwin.send({template}, area}})", AREA)
+    page.click("#arm")
+    page.wait_for_function("() => rovtwin.last.state.armed")
+    page.click("#submit")
+    page.wait_for_function("() => rovtwin.last.plan.submitted && !rovtwin.last.plan.changed")
+    page.click("#start")
+    page.wait_for_function("() => rovtwin.last.swath.eyes[0].found?.share > 0.5", timeout=600_000)
 
 
 def take(page: Page, name: str, *tabs: str, size: dict | None = None, wait: float = 3.0) -> None:
@@ -88,6 +104,10 @@ def main() -> None:
             fly(page)
             page.wait_for_function("() => rovtwin.last.state.changed.length > 1", timeout=120_000)
             take(page, "changes", "Changes")
+        settings = [part for change in WORLD for part in ("--set", change)]
+        with console(folder, "console", "lawnmower_calm", *settings) as page:
+            survey(page)
+            take(page, "swath")
 
 
 if __name__ == "__main__":

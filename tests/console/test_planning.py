@@ -136,9 +136,11 @@ def test_a_square_comes_back_to_its_corner():
 @pytest.mark.parametrize("inside", [True, False])
 def test_a_lawn_mower_stays_inside_where_that_is_required(inside):
     pytest.importorskip("shapely", reason="needs shapely: pip install 'rovtwin[survey]'")
+    from rovtwin.console.surveys import SurveyArea
     from rovtwin.console.web.drafting import _lawnmower
 
-    rows = _lawnmower([[0, 0], [8, 0], [8, 8], [0, 8]], 2.0, 3.0, 0.2, inside, "double_blueye")
+    area = SurveyArea(((0, 0), (8, 0), (8, 8), (0, 8)), 3.0, 0.2, inside)
+    rows = _lawnmower(area, 2.0, "double_blueye")
     places = [value for row in rows for value in (row["x"], row["y"])]
     assert len(rows) >= 8 and {row["depth"] for row in rows} == {3.0}
     assert (min(places) >= 0.0 and max(places) <= 8.0) == inside

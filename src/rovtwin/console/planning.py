@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from rovtwin.console.surveys import SurveyArea
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import parse
 from rovtwin.core.user_files.yamlfile import dump_yaml, parse_yaml
@@ -19,14 +20,16 @@ class Draft:
     Attributes:
         rows: Each with x, y, depth [m], speed [m/s], acceptance [m], hold_time [s], heading_deg, altitude (None where
             not given).
+        area: That they survey; None where they survey none.
         own: Speed and acceptance that rows get which say none: the vehicle's.
     """
 
     def __init__(self, waypoints: list[Waypoint] | None = None, own: dict[str, float] | None = None):
         self.own = {"speed": 0.2, "acceptance": 0.2} if own is None else own
         self.rows: list[dict[str, Any]] = [row_of(waypoint) for waypoint in waypoints or []]
-        self._past: list[list[dict[str, Any]]] = []
-        self._future: list[list[dict[str, Any]]] = []
+        self.area: SurveyArea | None = None
+        self._past: list[tuple[list[dict[str, Any]], SurveyArea | None]] = []
+        self._future: list[tuple[list[dict[str, Any]], SurveyArea | None]] = []
 
     @property
     def can_undo(self) -> bool:
@@ -67,21 +70,22 @@ class Draft:
         self._change([*rest[:to], self.rows[i], *rest[to:]])
 
     def clear(self) -> None:
-        self._change([])
+        self.load([])
 
-    def load(self, rows: list[dict[str, Any]]) -> None:
-        """Other way-points altogether."""
+    def load(self, rows: list[dict[str, Any]], area: SurveyArea | None = None) -> None:
+        """Other way-points altogether, which survey an area or none."""
         self._change(rows)
+        self.area = area
 
     def undo(self) -> None:
         if self._past:
-            self._future.append(self.rows)
-            self.rows = self._past.pop()
+            self._future.append((self.rows, self.area))
+            self.rows, self.area = self._past.pop()
 
     def redo(self) -> None:
         if self._future:
-            self._past.append(self.rows)
-            self.rows = self._future.pop()
+            self._past.append((self.rows, self.area))
+            self.rows, self.area = self._future.pop()
 
     def as_yaml(self, name: str = "mission") -> str:
         """A mission file."""
@@ -109,7 +113,7 @@ class Draft:
             raise ConfigError(f"the plan: found {len(rows)} way-points, expected at most {MOST}")
         known = {id(row) for row in self.rows}  # checked already
         checked = [row if id(row) in known else self._checked(row, i) for i, row in enumerate(rows)]
-        self._past = [*self._past[1 - DEPTHS :], self.rows]
+        self._past = [*self._past[1 - DEPTHS :], (self.rows, self.area)]
         self._future = []
         self.rows = checked
 

@@ -172,7 +172,8 @@ def _plan(
 ) -> SurveyPlan:
     """Over all of the area, or over its gaps."""
     if request.gaps is not None:
-        gaps = read_gaps(request.gaps, area.datum, area.shape)
+        is_file = isinstance(request.gaps, str | pathlib.Path)
+        gaps = read_gaps(request.gaps, area.datum, area.shape) if is_file else request.gaps
         return plan_fill(area.shape, gaps, swath, pace, room, request.inside, acceptance)
     heading = None if request.heading_deg is None else math.radians(request.heading_deg)
     plan = plan_survey(area.shape, swath, pace, room, heading, request.inside, acceptance, progress)

@@ -2,6 +2,7 @@
 
 import pathlib
 from dataclasses import dataclass
+from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.planning.survey_assumptions import Assumptions
@@ -58,7 +59,8 @@ class SurveyRequest:
         sees: Name of the imager or camera whose swath it is; None: the vehicle's first imager, else its origin.
         overrides: `key.path=value` texts that change the scenario, see `load_scenario`.
         mapping: The imager and what the map is to be like; None: only a swath is known.
-        gaps: File or folder with what a map of this area lacks: only that is flown; None: all of the area.
+        gaps: File or folder with what a map of this area lacks, or that as a shapely MultiPolygon in the plane of n:
+            only that is flown; None: all of the area.
     """
 
     area: str | pathlib.Path
@@ -76,7 +78,7 @@ class SurveyRequest:
     sees: str | None = None
     overrides: tuple[str, ...] = ()
     mapping: MapRequest | None = None
-    gaps: pathlib.Path | None = None
+    gaps: Any = None
 
     def sets(self, *keys: str) -> str | None:
         """The first key among the overrides that is one of these, lies in one of them or holds one; None: none."""

@@ -152,7 +152,7 @@ def test_stop_does_not_wait_behind_a_file_that_is_read(desk, monkeypatch):
         assert desk.client.did("stop") == 1 and not reading.done()
         await reading
         assert [row["x"] for row in desk.draft.rows] != [os.getpid()]
-        desk._worker.close()
+        desk.worker.close()
 
     ran(press())
 
@@ -197,7 +197,7 @@ def test_a_flood_of_orders_is_answered_and_stop_among_them(desk, monkeypatch):
         late = [reply for reply in messages_of(page) if reply["kind"] == "reply"]
         assert len(late) == hub.AT_ONCE == len(desk.draft.rows) and all(reply["ok"] for reply in late)
         assert desk.client.did("check") <= 2
-        desk._worker.close()
+        desk.worker.close()
 
     ran(flood())
 

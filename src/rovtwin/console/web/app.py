@@ -24,6 +24,7 @@ from rovtwin.console.web.own_views import OwnViews
 from rovtwin.console.web.page import page
 from rovtwin.console.web.replays.routes import add_replay
 from rovtwin.console.web.sockets import serve
+from rovtwin.console.web.swath_layer import SwathLayer
 from rovtwin.console.wire import Place
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.runs.compose.composition import vehicle_of
@@ -60,7 +61,7 @@ def build(
         sensors: URLs of instruments beside it.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
-    own = OwnViews(hub, views)
+    own, swath = OwnViews(hub, views), SwathLayer(hub, scenario)
     try:
         stream = Stream(feed_of(scenario, vehicle, is_twin, place.news, camera), "", hub.send, hub.keep)
     except ConfigError as error:
@@ -107,6 +108,7 @@ def build(
     tasks: list[asyncio.Task[None]] = []
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
     app.on_startup(lambda: tasks.append(asyncio.create_task(own.run())))
+    app.on_startup(lambda: tasks.append(asyncio.create_task(swath.run())))
     if scenario.test is not None:
         assessing = Assessing(hub, scenario, vehicle)
         app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))

@@ -2,18 +2,16 @@
 
 import asyncio
 import math
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rovtwin.console.planning import MOST, rows_of, square, waypoint_of
+from rovtwin.console.surveys import SurveyArea, rows_over
 from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.worker import Worker
-from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
+from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.user_files.files import MOST_UPLOAD
-from rovtwin.core.user_files.yamlfile import dump_yaml
 
 if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub
@@ -102,6 +100,7 @@ class Drafting:
 
     async def _template(self, what: dict[str, Any]) -> None:
         depth, speed = _value(what, "depth", 1.0), _value(what, "speed", self._hub.draft.own["speed"])
+        surveyed = None
         if what.get("name") == "square":
             x, y = (float(v) for v in self._hub.client.last.get("state", {}).get("eta", (0.0, 0.0))[:2])
             side = _value(what, "side", 4.0)
@@ -111,15 +110,18 @@ class Drafting:
             speed = min(speed, self._hub.line_speed) if "speed" not in what else speed
             if not isinstance(inside := what.get("inside", False), bool):
                 raise ConfigError(f"template.inside: found {inside!r}, expected true or false")
-            rows = await self._worker.call(_lawnmower, area, spacing, depth, speed, inside, self._hub.vehicle)
+            surveyed = SurveyArea(_corners(area, spacing), depth, speed, inside)
+            rows = await self._worker.call(_lawnmower, surveyed, spacing, self._hub.vehicle)
         else:
             raise ConfigError(f"template: found {what.get('name')!r}, expected square or lawnmower")
-        self._hub.draft.load(rows)
+        self._hub.draft.load(rows, surveyed)
 
     async def _submit(self, what: dict[str, Any]) -> None:
         if not self._hub.draft.rows:
             raise ConfigError("the plan is empty: add way-points first")
+        area = self._hub.draft.area
         await self._hub.client.ask("submit", waypoints=[waypoint_of(row) for row in self._hub.draft.rows])
+        self._hub.submitted_area = area
 
     async def _check(self) -> None:
         """Ask the engine what it thinks of the draft."""
@@ -164,32 +166,24 @@ def _value(what: dict[str, Any], key: str, default: float) -> float:
     return float(found)
 
 
-def _lawnmower(
-    area: Any, spacing: float, depth: float, speed: float, inside: bool, vehicle: str | dict[str, Any]
-) -> list[dict[str, Any]]:
-    """Way-points over an area, by the survey planner; turns lie outside of it unless all is to stay inside."""
+def _corners(area: Any, spacing: float) -> tuple[tuple[float, float], ...]:
+    """Corners of an area that a page gives, for lines so far apart [m]."""
     if not isinstance(area, list) or len(area) < 3:
         raise ConfigError("lawn-mower: found no area, expected at least three corners [north, east]")
     try:
-        extent = float(np.ptp(np.asarray(area, dtype=float), axis=0).max())
+        corners = tuple((float(north), float(east)) for north, east in area)
+        extent = float(np.ptp(np.array(corners), axis=0).max())
     except (TypeError, ValueError, OverflowError):
         raise ConfigError("lawn-mower: found an area of something else than corners [north, east]") from None
     if not 0.0 < extent <= 0.5 * MOST * spacing:
         raise ConfigError(
             f"lawn-mower: found lines {spacing:g} m apart over {extent:g} m, expected at most {MOST // 2} lines"
         )
-    from rovtwin.planning.survey import SurveyRequest, lay_out
+    return corners
+
+
+def _lawnmower(area: SurveyArea, spacing: float, vehicle: str | dict[str, Any]) -> list[dict[str, Any]]:
+    """In the worker's process: way-points over an area; turns lie outside of it unless all is to stay inside."""
     from rovtwin.survey.room import Swath
 
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "area.yaml"
-        file.write_text(dump_yaml({"outline": area}), encoding="utf-8")
-        if isinstance(vehicle, dict):
-            described, vehicle = vehicle, str(Path(folder) / "vehicle.yaml")
-            Path(vehicle).write_text(dump_yaml(described), encoding="utf-8")
-        swath = Swath(spacing, 0.0)
-        survey = lay_out(SurveyRequest(file, swath, vehicle=vehicle, depth=depth, speed=speed, inside=inside))
-    if survey.scenario.mission is None:
-        raise RovtwinError("lawn-mower: no line fits into the area; make it larger")
-    places = [waypoint.position or [0.0, 0.0, depth] for waypoint in survey.scenario.mission.waypoints]
-    return [{"x": x, "y": y, "depth": z, "speed": speed} for x, y, z in places]
+    return rows_over(area, vehicle, Swath(spacing, 0.0))

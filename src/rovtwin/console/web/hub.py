@@ -14,6 +14,7 @@ from typing import Any
 from rovtwin.console.client import Client
 from rovtwin.console.control import Rights
 from rovtwin.console.planning import Draft, for_browser, row_from
+from rovtwin.console.surveys import SurveyArea
 from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.drafting import Drafting
 from rovtwin.console.web.sea_check import SeaCheck
@@ -75,6 +76,9 @@ class Hub:
         vehicle: That is flown: its name, file or description.
         line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
+        drafting: What is done to it.
+        submitted_area: What the plan that was submitted last surveys, or None.
+        worker: Reads files and lays surveys out, in a process of its own.
         others: Orders that are done elsewhere, by name; only the page in control gives them.
     """
 
@@ -83,8 +87,9 @@ class Hub:
         model = vehicle_of(scenario).model()
         self.vehicle, own, self.line_speed = scenario.vehicle, own_values(Limits.of(model)), line_speed(model)
         self.rights, self.draft = Rights(), Draft(own=own)
-        self._worker = Worker("the plan", PATIENCE)
-        self._drafting = Drafting(self, self._worker, SeaCheck(scenario, self._worker))
+        self.submitted_area: SurveyArea | None = None
+        self.worker = Worker("the plan", PATIENCE)
+        self.drafting = Drafting(self, self.worker, SeaCheck(scenario, self.worker))
         self._browsers: list[Browser] = []
         self._seen_plan = self._ready = False
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -97,7 +102,7 @@ class Hub:
             with contextlib.suppress(asyncio.CancelledError):
                 await asyncio.gather(self.client.listen(), self._pulse())
         finally:
-            self._worker.close()
+            self.worker.close()
 
     # To the browsers
 
@@ -191,7 +196,7 @@ class Hub:
             "redo": self.draft.can_redo,
             "length": self.draft.length(),
             "seconds": self.draft.seconds(),
-            "checks": self._drafting.checks,
+            "checks": self.drafting.checks,
             "largest": MOST_UPLOAD,
         }
 
@@ -231,7 +236,7 @@ class Hub:
         elif do == "pilot":
             self.client.tell("pilot", **what)
         elif do == "plan":
-            await self._drafting.do(what)
+            await self.drafting.do(what)
         elif do in PLAIN:
             await self.client.ask(do)
         elif do in FULL:
@@ -250,7 +255,7 @@ class Hub:
         if kind == "state" and (ready := self.client.last["state"].get("stage") == "ready") != self._ready:
             self._ready = ready
             if ready:  # what was checked before there was a vehicle
-                task = asyncio.get_running_loop().create_task(self._drafting.look())
+                task = asyncio.get_running_loop().create_task(self.drafting.look())
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)
         for browser in self._browsers:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rovtwin.imaging.imager import Imager
 
 NAVIGATIONS = ("smoothed", "estimate", "truth", "lines")
+TURN = float(np.radians(6.0))  # lines taken while the vehicle turns faster are left out by default [rad/s]
+COURSE = 1.5  # over which a turn is measured [s]
 FORMATS = ("envi", "cog", "cube", "netcdf")  # cog: picture and layers; cube: all bands as GeoTIFF
 
 
@@ -68,7 +70,7 @@ class MapRequest:
     radiance: bool = False
     water: str | None = None
     best: bool = True
-    turn: float = float(np.radians(6.0))
+    turn: float = TURN
     clock_offset: float = 0.0
     begin: float = -np.inf
     end: float = np.inf

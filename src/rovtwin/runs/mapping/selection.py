@@ -7,9 +7,9 @@ from jaxtyping import Bool, Float
 
 from rovtwin.core.errors import LogError
 from rovtwin.mapping.georeference import Georeference
+from rovtwin.runs.mapping.request import COURSE
 from rovtwin.runs.mapping.sources import Inputs
 
-_COURSE = 1.5  # over which a turn is measured [s]
 _SHORT, _FAR = 3.0, 1.8  # shortest stretch of lines [s]; longest way over the usual one
 
 
@@ -30,7 +30,7 @@ def lines_to_use(inputs: Inputs) -> Lines:
     t, request, navigation = inputs.times, inputs.request, inputs.navigation
     asked = (t >= request.begin) & (t <= request.end)
     posed = navigation.at(t).valid
-    turning = np.abs(np.nan_to_num(navigation.turn_rates(t, _COURSE))) > request.turn
+    turning = np.abs(np.nan_to_num(navigation.turn_rates(t, COURSE))) > request.turn
     remarks = []
     if outside := int((asked & ~posed).sum()):
         gaps = f", which has {len(navigation.gaps)} gaps" if navigation.gaps else ""

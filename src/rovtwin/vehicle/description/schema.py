@@ -204,6 +204,9 @@ class Sensor(SensorFigures):
     gyro: SensorFigures | None = Field(None, description="of an imu")
     attitude: SensorFigures | None = Field(None, description="of an imu that computes it; {} for usual figures")
     imager: str | None = Field(None, description="of an imager: its description, a name of the library or a file")
+    swath_deg: Annotated[Number, Field(gt=0, le=170)] | None = Field(
+        None, description="of a sonar that sweeps the floor: opening angle of its fan, in the plane of its x and y axes"
+    )
     source: Source = None
 
     @model_validator(mode="after")
@@ -218,6 +221,9 @@ class Sensor(SensorFigures):
             _require_axes(kind, figures)
         if self.imager is not None and self.kind != "imager":
             raise ValueError(f"found imager: {self.imager} of a sensor of kind {self.kind}, expected it of an imager")
+        if self.swath_deg is not None and self.kind != "sonar":
+            found = f"swath_deg: {self.swath_deg:g} of a sensor of kind {self.kind}"
+            raise ValueError(f"found {found}, expected it of a sonar; an imager's follows from its lens")
         if self.errors is not None and self.kind != "position":
             raise ValueError(f"found errors: {self.errors} of a sensor of kind {self.kind}, expected it of a position")
         if self.min_range is not None and self.max_range is not None and self.min_range >= self.max_range:
@@ -226,7 +232,7 @@ class Sensor(SensorFigures):
         return self
 
 
-SENSOR_FIGURES = (*SensorFigures.model_fields, "accelerometer", "gyro", "attitude", "imager")
+SENSOR_FIGURES = (*SensorFigures.model_fields, "accelerometer", "gyro", "attitude", "imager", "swath_deg")
 
 
 class Battery(Strict):

@@ -14,6 +14,7 @@ import numpy as np
 from rovtwin.console.replays.history import history
 from rovtwin.console.replays.marks import marks_of
 from rovtwin.console.replays.replay import LOG, Recording
+from rovtwin.console.replays.seen import has_seen, seen
 from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.hub import answer
@@ -68,6 +69,12 @@ class Replaying:
     def history(self) -> bytes:
         """All of the run, thinned: see `console.replays.history`."""
         return history(self.recording)
+
+    @cached_property
+    def swath(self) -> bytes | None:
+        """What its eyes had seen of the floor, and when; None where it had none."""
+        found = seen(self.recording)
+        return None if found is None else encode(found)
 
     def come(self, name: str) -> Seat:
         """A page that opens, with all that it has to know; it begins at the beginning, and stands."""
@@ -155,6 +162,7 @@ class Replaying:
             "replay": True,
             "range": [recording.start, recording.end],
             "history": f"/replay/history?run={run}",
+            "swath": f"/replay/swath?run={run}" if has_seen(recording) else None,
             "mesh": f"/replay/vehicle.glb?run={run}" if self.looks else None,
             "camera": recording.album is not None,
             "pictures": f"/replay/picture?run={run}&n=" if recording.album else None,

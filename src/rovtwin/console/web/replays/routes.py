@@ -51,6 +51,10 @@ def add_replay(shelf: Shelf, given: Recording | None = None, stop: Stop | None =
     async def history(run: str = "") -> Response:
         return await _answered(library, run, lambda one: one.history, "application/octet-stream")
 
+    @app.get("/replay/swath")
+    async def swath(run: str = "") -> Response:
+        return await _answered(library, run, lambda one: one.swath, "application/json")
+
     @app.get("/replay/picture")
     async def picture(n: int, run: str = "") -> Response:
         def taken(one: Replaying) -> bytes | None:

@@ -5,10 +5,13 @@ import {drawChart} from '/static/chart_draw.js';
 import {Hands} from '/static/chart_edit.js';
 import {AreaForm, Menu, Notice, Tools, legend} from '/static/chart_panels.js';
 import {View, area, beside, boxOf, nearestLeg} from '/static/geometry.js';
+import {Swath} from '/static/swath.js';
+import {SwathPanel} from '/static/swath_panel.js';
 import {Track} from '/static/track.js';
 
 const model = {state: null, setup: null, plan: null, rights: null};
 const track = new Track(); // outlives the element: a change of tab loses nothing
+const swath = new Swath(() => shown?.changed({}));
 let shown = null;
 
 const LEAST = 4; // of the water round a vehicle that hangs still, shown where there is no plan [m]
@@ -18,6 +21,7 @@ class Chart {
   view = new View();
   model = model;
   track = track;
+  swath = swath;
   mode = 'move'; // or add, area
   follow = false;
   fitted = false; // the view, to a plan, once
@@ -36,7 +40,9 @@ class Chart {
     this.menus = new Menu();
     this.form = new AreaForm(values => this.template(values), () => this.setMode('move'));
     this.notice = new Notice(this);
-    const panels = [legend(), this.notice.element, this.form.element, this.menus.element];
+    this.seen = new SwathPanel(this, swath);
+    const corner = make('div', {class: 'chart-corner'}, this.seen.element, legend());
+    const panels = [corner, this.notice.element, this.form.element, this.menus.element];
     element.replaceChildren(this.canvas, ...this.tools.elements, ...panels);
     this.surface = surface(this.canvas, (context, width, height) => {
       Object.assign(this.view, {width, height});
@@ -79,6 +85,7 @@ class Chart {
     Object.assign(this, values);
     this.tools.show();
     this.notice.show();
+    this.seen.show();
     this.surface.redraw();
   }
 
@@ -221,6 +228,7 @@ document.addEventListener('keydown', event => {
 live.on('state', state => {
   model.state = state;
   if (state.eta) track.add({t: state.t, x: state.eta[0], y: state.eta[1]});
+  if (state.replay) shown?.seen.show();
   shown?.surface.redraw();
 });
 live.on('track', states => {

@@ -16,6 +16,7 @@ export function drawChart(context, chart) {
   context.fillRect(0, 0, view.width, view.height);
   context.lineJoin = context.lineCap = 'round';
   drawAxes(context, view);
+  chart.swath.draw(context, view, state?.t ?? 0);
   drawRoom(context, view, model.setup);
   drawLegs(context, chart);
   drawTrack(context, view, chart.track.points);

@@ -68,8 +68,12 @@ export function legend() {
     ['is-flown', 'plan being flown'],
     ['is-leg', 'leg being flown'],
     ['is-draft', 'plan being drafted'],
+    ['is-once', 'floor seen once', 'of-swath'],
+    ['is-more', 'seen more often', 'of-swath'],
+    ['is-gap', 'not seen of the area', 'of-swath'],
   ];
-  const list = rows.map(([kind, text]) => make('li', {}, make('i', {class: kind, 'aria-hidden': 'true'}), text));
+  const sign = kind => make('i', {class: kind, 'aria-hidden': 'true'});
+  const list = rows.map(([kind, text, of]) => make('li', {class: of}, sign(kind), text));
   const summary = make('summary', {'aria-label': 'Legend of the chart'}, 'Legend');
   return make('details', {class: 'chart-legend'}, summary, make('ul', {}, ...list));
 }
