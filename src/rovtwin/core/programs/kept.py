@@ -119,7 +119,7 @@ def form(leaf: Any) -> tuple[Any, ...]:
 @cache
 def _surroundings() -> tuple[Any, ...]:
     """Versions, flags and the processor: they stay as they are while a process runs."""
-    versions = tuple((name, str(sys.modules[name].__version__)) for name in _NUMERIC)
+    versions = tuple((name, str(getattr(sys.modules.get(name), "__version__", ""))) for name in _NUMERIC)
     versions += (_scipy(),)
     flags = tuple(sorted((k, v) for k, v in os.environ.items() if k.startswith(("XLA_", "JAX_", "PJRT_"))))
     client = jax.devices()[0].client
@@ -147,9 +147,10 @@ def _settings() -> tuple[Any, ...]:
     values = {name: value for name, value in jax.config.values.items() if not any(word in name for word in _ASIDE)}
     context = config.trace_context()
     axes = [item for item in context if type(item).__name__ == "AxisEnv"]
-    if any(axis.axis_sizes or axis.spmd_axis_names for axis in axes):
-        raise Undescribed("a mapped axis")
-    return values, tuple(item for item in context if item not in axes)
+    meshes = [item for item in context if type(item).__name__ == "AbstractMesh"]
+    if any(axis.axis_sizes or axis.spmd_axis_names for axis in axes) or not all(mesh.empty for mesh in meshes):
+        raise Undescribed("a mapped axis, or a mesh of devices")
+    return values, tuple(item for item in context if not any(item is one for one in (*axes, *meshes)))
 
 
 def path_of(name: str, key: str) -> Path:
