@@ -23,9 +23,9 @@ ERROR = b"E1125 03:10:10.0 77 cpu_compiler.cc:90] out of memory\n"
 CODE = """
 import os, sys, time
 from jax import monitoring
-from rovtwin.core import numerics
 from rovtwin.core.processes import quiet
-numerics._quiet._after = 0.05
+quiet.Quiet.__init__.__defaults__ = (0.05,)
+from rovtwin.core import numerics
 monitoring.record_event(quiet.BEGINS)
 time.sleep(0.5)
 os.write(2, {written!r})
