@@ -78,7 +78,7 @@ def test_a_sound_vehicle_passes_bench_and_dip(tmp_path, monkeypatch):
     (work.folder / "half").mkdir()
     monkeypatch.setattr(Corrupted, "reach", 0.5)
     found = dip.run(replace(work, folder=work.folder / "half"))
-    assert stops(found).keys() == {"commands"} and "whole commands arrive" in stops(found)["commands"]
+    assert stops(found).keys() == {"reach"} and "50% of full command" in stops(found)["reach"]
 
 
 @pytest.mark.system

@@ -13,7 +13,7 @@ from rovtwin.commission.evidence.logs import Flown, logs_of, read_logs
 from rovtwin.commission.evidence.room import in_tank, outside
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import Identification
 from rovtwin.live.connect import on_this_machine
 from rovtwin.live.flight import fly_live
@@ -116,6 +116,9 @@ class _Excitation:
             plan = self._plan(minutes - TO_THE_MIDDLE, number, found)
         except IdentificationError as error:
             return Check("stop" if not flown.records else "warning", "plan", str(error), "Give more --minutes.")
+        except ConfigError as error:
+            more = f" It was to have {CAUTION**self.early:.2g} times as much room." if self.early else ""
+            return Check("stop", "plan", f"{error}.{more}", "A larger --tank, or the dip again: --stage dip.")
         return self._fly(plan, number)
 
     def _plan(self, minutes: float, number: int, found: Identification | None) -> Plan:
@@ -182,7 +185,7 @@ class _Excitation:
         if any(reason.startswith(word) for word in GRAVE):
             return Check("stop", what, text, "See to it, then repeat this stage: it goes on with what is flown.")
         self.early += 1
-        more = f"The next one is planned with {CAUTION**self.early:.2g} times as much room, and as level."
+        more = f"The next one has {CAUTION**self.early:.2g} times as much room to walls and to the attitude limit."
         self.checks.append(Check("warning", what, f"{text}.", more if self.early < ENDED_EARLY else ""))
         if self.early < ENDED_EARLY:
             return None

@@ -3,6 +3,7 @@
 What is kept is of this package alone, so that these tests borrow modules of it and change them.
 """
 
+import collections
 import os
 import pickle
 import types
@@ -163,11 +164,9 @@ def test_versions_flags_processor_and_settings_belong_to_the_key(monkeypatch):
     jax.config.update("jax_disable_most_optimizations", not jax.config.read("jax_disable_most_optimizations"))
     for what, value in (
         ("rovtwin.core.programs.kept._processor", lambda: "another"),
-        ("rovtwin.core.programs.kept._scipy", lambda: "another"),
+        ("rovtwin.core.programs.kept._version", lambda library: "another"),
+        ("rovtwin.core.programs.kept._own_files", lambda: (("core/numerics.py", 1, 2),)),
         ("rovtwin.core.programs.kept.FORMAT", b"another"),
-        ("jax.__version__", "another"),
-        ("jaxlib.__version__", "another"),
-        ("numpy.__version__", "another"),
         ("sys.version", "another"),
     ):
         with monkeypatch.context() as patch:
@@ -303,3 +302,37 @@ def test_a_value_is_computed_once_for_equal_arguments(folder, monkeypatch):
     monkeypatch.setenv("ROVTWIN_CHECK_KEPT", "1")
     with pytest.raises(kept.WrongProgram, match="another value"):
         values.once_and_for_all(small_matrices.product)(MATRIX, MATRIX)
+
+
+def test_what_a_librarys_decorator_or_a_bound_method_holds_is_in_the_digest():
+    """By its name a function wrapped by JAX would be one with every other body that it may have."""
+
+    def digest(value):
+        description = Description()
+        description.put(value)
+        return description.digest()
+
+    def wrapped(body):
+        place = {"__name__": "rovtwin.core.numerics"}
+        exec(f"def module_for(x): return x + {body}", place)
+        return jax.vmap(place["module_for"])
+
+    assert digest(wrapped("1.0")) != digest(wrapped("2.0"))
+    assert digest({1: 2.0}.get) != digest({1: 3.0}.get)
+    assert digest(collections.defaultdict(int)) != digest(collections.defaultdict(float))
+
+
+def test_another_context_is_another_program_in_this_process_too():
+    seen = []
+
+    @jit_once
+    def doubled(x):
+        seen.append(jax.config.jax_default_matmul_precision)
+        return x @ x
+
+    doubled(jnp.eye(2))
+    with jax.default_matmul_precision("highest"):
+        doubled(jnp.eye(2))
+    with jax.disable_jit():
+        assert (doubled(jnp.eye(2)) == jnp.eye(2)).all()
+    assert seen[:2] == [None, "highest"]

@@ -174,6 +174,8 @@ def test_the_gain_in_force_counts_and_its_changes_are_reported():
     given = Steering(1.0, 2.0, (4, 5))
     texts = [given.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=b"PilotGain", value=0.5)) for _ in range(2)]
     assert texts == ["it says that the pilot's gain is 0.5; 1, which was given, counts", ""] and given.gain == 1.0
+    shallow = Steering(1.0, 0.5, (4, 5))
+    assert shallow.reach == 0.5 and "raise JS_THR_GAIN" in shallow.limits()[0]
     assert given.reach == 1.0 and given.limits() == [] and "down" not in Steering(0.5, 2.0, (4, 5)).limits()[0]
     unreported = Steering(0.5, 1.0, None)
     unreported.take("AUTOPILOT_VERSION", SimpleNamespace(flight_sw_version=0))

@@ -54,7 +54,8 @@ def run(work: Work) -> Outcome:
     work.at_rest()
     checks = [
         *_ended(flown, work.request.too_busy),
-        *(Check("stop" if reach < 1.0 else "warning", "commands", f"{one}.", WHOLE) for one in limits),
+        *(Check("warning", "commands", f"{one}.", WHOLE) for one in limits),
+        *([Check("stop", "reach", f"{reach:.0%} of full command arrives at most.", WHOLE)] if reach < 1.0 else []),
     ]
     if flown.ended:
         return Outcome((*checks, *_cut_short(flown, vehicle)), files=("log.mcap",))

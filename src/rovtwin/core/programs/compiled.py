@@ -107,8 +107,10 @@ class Compiled(Described):
         return self._function, self._whole, self._quickly, self._options
 
     def __call__(self, *arguments: Any, **static: Any) -> Any:
+        if kept.is_debugged():
+            return self._jit(self._whole)(*arguments, **static)
         leaves, structure = jax.tree.flatten(arguments)
-        form = (structure, *[_form(leaf) for leaf in leaves], *static.items())
+        form = (kept.context(), structure, *[_form(leaf) for leaf in leaves], *static.items())
         program = self._programs.get(form)
         if program is None:
             if any(isinstance(leaf, Tracer) for leaf in leaves):

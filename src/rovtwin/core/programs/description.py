@@ -5,6 +5,7 @@ was edited after it was imported, cannot hide. What has no description here make
 (`Undescribed`), never wrong.
 """
 
+import collections
 import dataclasses
 import enum
 import functools
@@ -168,8 +169,12 @@ class Description:
         home = function.__globals__.get("__name__", "")
         ours = self._origin(home, function)
         self._say("function", home, function.__qualname__)
-        if not ours and (_found_by_name(function, home) or _found_by_name(function, function.__module__)):
-            return
+        if (
+            not ours
+            and _is_of_library(function.__module__)
+            and (_found_by_name(function, home) or _found_by_name(function, function.__module__))
+        ):
+            return  # what wraps a function of this package has its name, and is described with what it holds
         self._code(function.__code__)
         kept = vars(function) if ours else {}  # what a library's decorator wraps is in its closure
         for part in (function.__defaults__, function.__kwdefaults__, kept):
@@ -215,8 +220,22 @@ class Description:
                 except Undescribed as error:
                     raise Undescribed(f"{where}.{name}: {error}") from None
 
+    def _builtin(self, value: Any) -> None:
+        self._say(type(value).__name__, f"{getattr(value, '__module__', '')} {getattr(value, '__qualname__', value)}")
+        owner = getattr(value, "__self__", None)
+        if not isinstance(owner, types.ModuleType | type | None):
+            self.put(owner)
+
+    def _beside(self, value: Any) -> None:
+        """What an object of a subclass of dict, list or tuple holds besides."""
+        if isinstance(value, collections.defaultdict):
+            self.put(value.default_factory)
+        if own := getattr(value, "__dict__", None):
+            self._named(own, type(value).__qualname__)
+
     def _items(self, value: Any) -> None:
         self.put(type(value))
+        self._beside(value)
         if type(value) is tuple and all(type(item) in _PLAIN for item in value):
             self._say(repr(value))
             return
@@ -226,6 +245,7 @@ class Description:
 
     def _pairs(self, value: Any) -> None:
         self.put(type(value))
+        self._beside(value)
         self._say(str(len(value)))
         for name, item in value.items():
             self.put(name)
@@ -266,6 +286,10 @@ def _bare(code: types.CodeType) -> types.CodeType:
 def _without_places(annotation: Any) -> str:
     """What an annotation reads, without addresses of the functions in it."""
     return re.sub(r" at 0x[0-9a-f]+", "", repr(annotation))
+
+
+def _is_of_library(module: str | None) -> bool:
+    return (module or "").partition(".")[0] not in (OURS, "")
 
 
 def _found_by_name(function: types.FunctionType, home: str) -> bool:
@@ -333,7 +357,7 @@ _HOW: list[tuple[Any, Callable[[Description, Any], None]]] = [
     (logging.Logger, _by(lambda logger: logger.name)),
     (re.Pattern, _parts("pattern", "flags")),
     (types.MethodType, _parts("__func__", "__self__")),
-    (_BUILTIN, _by(lambda value: f"{getattr(value, '__module__', '')} {getattr(value, '__qualname__', value)}")),
+    (_BUILTIN, Description._builtin),
     (_SLOTS, _by(lambda value: value.__name__)),
     ((staticmethod, classmethod), _parts("__func__")),
     (property, _parts("fget", "fset", "fdel")),

@@ -21,14 +21,14 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib.util import find_spec
+from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from jax.experimental import serialize_executable
 
 from rovtwin.core.numerics import cache_folder, jax
-from rovtwin.core.programs.description import Description, Undescribed
+from rovtwin.core.programs.description import LIBRARIES, Description, Undescribed
 from rovtwin.core.user_files.files import write_bytes
 
 
@@ -59,7 +59,6 @@ FORMAT = b"rovtwin program 1\n"
 # Settings of JAX's that say where it writes and what it shows, and not what is computed.
 _ASIDE = ("cache", "log", "dump", "traceback", "profil", "explain")
 _DIGEST = 32  # bytes of SHA-256
-_NUMERIC = ("jax", "jaxlib", "numpy", "equinox", "ml_dtypes")
 _ONE = threading.Lock()  # one compilation at a time is looked at
 
 
@@ -119,18 +118,36 @@ def form(leaf: Any) -> tuple[Any, ...]:
 @cache
 def _surroundings() -> tuple[Any, ...]:
     """Versions, flags and the processor: they stay as they are while a process runs."""
-    versions = tuple((name, str(getattr(sys.modules.get(name), "__version__", ""))) for name in _NUMERIC)
-    versions += (_scipy(),)
+    versions = tuple(sorted((name, _version(name)) for name in LIBRARIES))
     flags = tuple(sorted((k, v) for k, v in os.environ.items() if k.startswith(("XLA_", "JAX_", "PJRT_"))))
     client = jax.devices()[0].client
     where = (client.platform, client.platform_version, tuple(device.device_kind for device in jax.devices()))
-    return (FORMAT, sys.version, versions, flags, where, platform.machine(), _processor())
+    return (FORMAT, sys.version, versions, _own_files(), flags, where, platform.machine(), _processor())
 
 
-def _scipy() -> str:
-    """The version of SciPy without importing it, which takes a tenth of a second."""
-    found = find_spec("scipy")
-    return Path(found.origin).with_name("version.py").read_text() if found and found.origin else ""
+def _version(library: str) -> str:
+    """Of what is installed, imported or not."""
+    try:
+        return metadata.version({"PIL": "pillow", "yaml": "PyYAML"}.get(library, library))
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _own_files() -> tuple[tuple[str, int, int], ...]:
+    """Name, size and time of every file of this package: what is only imported within a function counts too."""
+    root = Path(__file__).parents[2]
+    stats = ((path.relative_to(root).as_posix(), path.stat()) for path in root.rglob("*.py"))
+    return tuple(sorted((name, stat.st_size, stat.st_mtime_ns) for name, stat in stats))
+
+
+def is_debugged() -> bool:
+    """Whether JAX is to run step by step, or to look for what is no number: no program compiled ahead does either."""
+    return _CAN_KEEP and (config.disable_jit.value or config.debug_nans.value or config.debug_infs.value)
+
+
+def context() -> Any:
+    """JAX's settings that a trace depends on, those of contexts too."""
+    return config.trace_context() if _CAN_KEEP else None
 
 
 def _processor() -> str:

@@ -3,6 +3,7 @@
 For what follows from a vehicle and takes longer than to read it again, or needs libraries that take long to import.
 """
 
+import copy
 import logging
 import pickle
 from collections import OrderedDict
@@ -41,7 +42,9 @@ class Once(Described, Generic[P, T]):
                 self._known.popitem(last=False)
             found = (self._kept if self._between else self._function)(*arguments, **named)
             self._known[which] = arguments, found  # an id is of a living object only
-        return self._known[which][1]
+        else:
+            found = self._known[which][1]
+        return copy.deepcopy(found) if isinstance(found, dict | list) else found  # which a caller may change
 
     def _kept(self, *arguments: P.args, **named: P.kwargs) -> T:
         key = kept.key_of_value(self._function, arguments)

@@ -82,7 +82,8 @@ class Steering:
     @property
     def reach(self) -> float:
         """Share of full command along an axis that sticks can ask for at most."""
-        return min(self.gain or 1.0, 1.0)
+        gain = self.gain or 1.0
+        return min(gain, gain * (self.throttle or 1.0), 1.0)
 
     def limits(self) -> list[str]:
         """What sticks cannot ask of this vehicle, and what of it is not sure."""
@@ -98,6 +99,8 @@ class Steering:
                 f"the pilot's gain is {gain:g}: no more than that share of full command ahead, to the side{down} and "
                 f"in yaw; raise {GAIN} and start the vehicle anew, or the gain by the joystick's button"
             )
+        elif deep < 1.0:
+            found.append(f"the throttle has a gain of {deep:g}: no more than that share arrives down; raise {THROTTLE}")
         if not self.in_force:
             found.append(
                 f"it does not say the gain in force ({IN_FORCE}): {GAIN}, {gain:g}, is taken, which buttons and "
