@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from rovtwin.console.surveys import SurveyArea
-from rovtwin.console.swath.cells import Cells
+from rovtwin.console.swath.cells import MOST, Cells
 from rovtwin.console.swath.gaps import LISTED, Seen, lines_over, share_seen
 from rovtwin.core.errors import ConfigError
 
@@ -18,7 +18,7 @@ def seen_of(*boxes, corners=SQUARE):
     cells = Cells()
     for south, north, west, east in boxes:
         cells.paint(np.array([[south, west], [north, west], [north, east], [south, east]]), 0.0)
-    return Seen.of(*cells.window(np.min(corners, axis=0), np.max(corners, axis=0)), cells.cell)
+    return Seen.of(*cells.window(np.min(corners, axis=0), np.max(corners, axis=0)))
 
 
 def test_the_share_is_that_of_the_areas():
@@ -35,6 +35,33 @@ def test_nothing_seen_and_all_seen():
     assert nothing["share"] == 0.0 and nothing["gaps_m2"] == pytest.approx(64.0)
     everything = share_seen(SQUARE, seen_of((-1, 9, -1, 9)))
     assert (everything["share"], everything["count"], everything["gaps"]) == (1.0, 0, [])
+
+
+def strip():
+    """Cells of a strip of 10 x 0.3 m."""
+    cells = Cells()
+    cells.paint(np.array([[20.0, 30.0], [30.0, 30.0], [30.0, 30.3], [20.0, 30.3]]), 1.0)
+    return cells
+
+
+@pytest.mark.parametrize("side", [12.0, 200.0, 1000.0])
+def test_an_area_of_any_size_leaves_what_was_painted(side):
+    """Beyond a million cells the share is judged on a coarser copy; the strip lies in the area's south-western part."""
+    cells = strip()
+    before = cells.cell, cells.low.copy(), cells.first.copy(), cells.seen_m2
+    corners = tuple((19.0 + side * x, 29.0 + side * y) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    seen = Seen.of(*cells.window(np.min(corners, axis=0), np.max(corners, axis=0)))
+    assert cells.cell == before[0] and (cells.low == before[1]).all() and cells.seen_m2 == before[3] == strip().seen_m2
+    assert np.array_equal(cells.first, before[2])
+    assert np.prod(seen.shape) <= MOST
+    assert share_seen(corners, seen)["share"] == pytest.approx(3.0 / side**2, rel=0.01)
+
+
+def test_a_box_beside_what_was_painted_has_seen_nothing():
+    for cells in (strip(), Cells()):
+        shares, first, cell = cells.window(np.array([-8.0, 0.0]), np.array([-6.0, 40.0]))
+        assert shares.shape == (40, 800) and not shares.any()
+        assert (first * cell) == pytest.approx([-8.0, 0.0])
 
 
 def test_a_slanting_area_and_a_gap_with_an_island():

@@ -187,5 +187,4 @@ def seeing(scenario: Scenario) -> tuple[list[Eye], list[str], Depths]:
 
 def _seen(painter: Painter, area: SurveyArea) -> Seen:
     corners = area.corners
-    seen, first = painter.cells.window(np.min(corners, axis=0), np.max(corners, axis=0))
-    return Seen.of(seen, first, painter.cells.cell)
+    return Seen.of(*painter.cells.window(np.min(corners, axis=0), np.max(corners, axis=0)))
