@@ -10,7 +10,7 @@ from rovtwin.console.swath.gaps import LISTED, Seen, lines_over, share_seen
 from rovtwin.core.errors import ConfigError
 
 SQUARE = ((0.0, 0.0), (8.0, 0.0), (8.0, 8.0), (0.0, 8.0))
-EYE = {"name": "uhi.camera", "kind": "imager", "imager": "uhi", "width": 1.1}
+EYE = {"name": "uhi.camera", "imager": "uhi", "width": 1.1, "middle": [0.2, 0.0]}
 
 
 def seen_of(*boxes, corners=SQUARE):
@@ -99,9 +99,28 @@ def test_lines_over_the_gaps_of_a_camera_and_of_a_vehicle_that_is_described():
     from rovtwin.vehicle import load_vehicle
 
     area, described = SurveyArea(SQUARE, 3.4, 0.2, True), load_vehicle("bluerov2_heavy").to_dict()
-    camera = {"name": "sonar", "kind": "sonar", "imager": "", "width": 1.2}
+    camera = {"name": "sonar", "imager": "", "width": 1.2, "middle": [0.0, 0.0]}
     rows = lines_over(area, seen_of((-1, 9, -1, 3), (-1, 9, 5, 9)), described, camera, 5.0)
     assert all(0 <= row[key] <= 8 for row in rows for key in ("x", "y"))
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("vehicle", ["double_blueye", "bluerov2_heavy"])
+@pytest.mark.parametrize("middle", [(0.0, 0.0), (0.0, 0.5), (0.4, -0.5)])
+def test_lines_lie_where_the_eye_looks(vehicle, middle):
+    """What it sees on the long legs, to their side and ahead, covers the gap; one vehicle has an imager of its own."""
+    eye = {"name": "pod.mbes", "imager": "", "width": 1.2, "middle": list(middle)}
+    rows = lines_over(SurveyArea(SQUARE, 3.4, 0.2, False), seen_of((-1, 9, -1, 3), (-1, 9, 4, 9)), vehicle, eye, 5.0)
+    places = np.array([(row["x"], row["y"]) for row in rows])
+    strips = []
+    for begin, end in zip(places[:-1], places[1:], strict=True):
+        if (length := np.linalg.norm(end - begin)) > 5.0:
+            ahead = (end - begin) / length
+            moved = ahead * middle[0] + np.array([-ahead[1], ahead[0]]) * middle[1]
+            strips.append(shapely.LineString([begin + moved, end + moved]).buffer(0.6, cap_style="flat"))
+    assert shapely.union_all(strips).intersection(shapely.box(0, 3, 8, 4)).area > 0.99 * 8.0
+    offs = np.abs(places[:, 1] - 3.5)
+    assert offs.max() == pytest.approx(abs(middle[1]), abs=0.2)
 
 
 def test_it_is_refused_in_words_where_nothing_is_missing():
