@@ -77,7 +77,7 @@ def compared(folder, scenario, area, depth, resolution):
         painter.take(depths.instant({"t": t, "eta": recording.at("eta", t), "sensors": recording.sensors(t)}))
     painter.finish()
     window = painter.cells.window(np.min(area, axis=0), np.max(area, axis=0))
-    found = share_seen(area, Seen.of(*window, painter.cells.cell))
+    found = share_seen(area, Seen.of(*window))
     return found["share"], 1.0 - missing / found["area_m2"], found["gaps_m2"], missing
 
 

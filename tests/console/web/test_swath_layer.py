@@ -1,6 +1,7 @@
 """The layer of the floor that was seen: what pages are given, who may plan the gaps, and when it begins anew."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from tests.console.loops import ran
@@ -16,7 +17,9 @@ from rovtwin.console.web import hub as hubs
 from rovtwin.console.web.swath_layer import SwathLayer
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.planning.survey_place import eye_of
 from rovtwin.scenario.files import load_scenario
+from rovtwin.vehicle import vehicle_from_dict
 
 AREA = SurveyArea(((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)), 3.4, 0.2, False)
 
@@ -147,6 +150,26 @@ def test_an_area_that_cannot_be_judged_shows_why(desk, layer):
     assert newest(desk)["eyes"][0]["found"] == {"error": "a survey needs shapely"}
 
 
+@pytest.mark.parametrize(("eye", "right"), [("camera", 0.5), ("pod.mbes", 0.5)])
+def test_the_gaps_are_planned_where_the_eye_looks(desk, layer, monkeypatch, eye, right):
+    """The planner is given a place half a metre to the right, neither the camera's own nor that of an imager."""
+    given = {}
+
+    def rows_over(area, vehicle, swath=None, **asked):
+        given.update(asked, vehicle=vehicle)
+        return [{"x": 1.0, "y": 3.0, "depth": 3.4}]
+
+    monkeypatch.setattr(gaps, "rows_over", rows_over)
+    straight_down = picture()
+    origin = straight_down.origin + [0.0, right, 0.0]
+    layer.open([replace(straight_down, name=eye, origin=origin)], [], Depths([SOUNDER], None))
+    flown(layer)
+    desk.draft.load([], AREA)
+    ran(desk.others["fill_gaps"]({"eye": eye}))
+    place = eye_of(vehicle_from_dict(given["vehicle"]), given["sees"])
+    assert list(place.position[:2]) == pytest.approx([0.0, right], abs=1e-6)
+
+
 def test_the_gaps_become_a_draft_that_can_be_taken_back(desk, layer, monkeypatch):
     given = {}
 
@@ -164,8 +187,9 @@ def test_the_gaps_become_a_draft_that_can_be_taken_back(desk, layer, monkeypatch
     assert missing == pytest.approx(24.0 - 1.72 * 5.8, rel=0.05)
     desk.draft.undo()
     assert len(desk.draft.rows) == 1
+    given.clear()
     ran(desk.others["fill_gaps"]({"eye": "camera"}))
-    assert given["mapping"] is None and given["swath"].width == pytest.approx(1.6 * 2 * 0.577, rel=0.02)
+    assert "mapping" not in given and given["swath"].width == pytest.approx(1.6 * 2 * 0.577, rel=0.02)
 
 
 REFUSED = {

@@ -36,7 +36,6 @@ def seen(recording: Recording) -> dict[str, Any] | None:
 def _painted(recording: Recording, painter: Painter, depths: Depths) -> dict[str, Any]:
     t = recording.tape["eta"].t
     t = t[np.unique(np.floor((t - t[0]) / STEP + 1e-6), return_index=True)[1]]
-    course: list[tuple[float, str]] = []
     for at in t.tolist():
         eta, timing = recording.at("eta", at), recording.at("timing", at)
         state = {
@@ -47,22 +46,10 @@ def _painted(recording: Recording, painter: Painter, depths: Depths) -> dict[str
         }
         if (instant := depths.instant(state)) is not None:
             painter.take(instant)
-        if not course or course[-1][1] != painter.why:
-            course.append((painter.at, painter.why))
     painter.finish()
     eye = painter.eye
-    return {"name": eye.name, "kind": eye.kind, "reach": eye.reach, "by": depths.source, "course": course} | {
+    return {"name": eye.name, "kind": eye.kind, "reach": eye.reach, "by": depths.source, "course": painter.course} | {
         "began": painter.began,
         "ended": painter.ended,
         "cells": painter.cells.message(times=True),
     }
-
-
-def _readings(recording: Recording, depths: Depths, at: float) -> dict[str, Any]:
-    """Age and newest value of each altimeter at a time [s], as `Recording.sensors` has them of all sensors."""
-    found = {}
-    for name in depths.names:
-        held = recording.readings.get(name)
-        if held is not None and (last := int(held.last(at))) >= 0:
-            found[name] = {"age": at - float(held.t[last]), "value": held.values[last]}
-    return found

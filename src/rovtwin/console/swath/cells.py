@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 
 CELL = 0.05  # side of a cell, until there are too many [m]
 MOST = 1_000_000  # cells: 12 MB
@@ -54,10 +54,29 @@ class Cells:
         first[inside & ~np.isfinite(first)] = t
         last[inside] = t
 
-    def window(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[Bool[np.ndarray, "n m"], Any]:
-        """Which cells of a box [m] were seen, and row and column of the first of them."""
-        box = self._held(low, high)
-        return np.isfinite(self.first[box]), self.low + [box[0].start, box[1].start]
+    def window(
+        self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
+    ) -> tuple[Float[np.ndarray, "n m"], Int[np.ndarray, "2"], float]:
+        """Share seen of each cell of a box [m], row and column of the first of them, and their side [m].
+
+        They are the cells of the grid, or, where the box has more than MOST of these, 2 x 2, 4 x 4, ... of them
+        together. The grid stays as it is.
+        """
+        side = 1  # of the box's cells, in cells of the grid
+        while int(np.prod(np.diff(_range(low, high, side * self.cell), axis=0))) > MOST:
+            side *= 2
+        begin, end = _range(low, high, side * self.cell)
+        first, last = np.maximum(begin * side, self.low), np.minimum(end * side, self.low + self.first.shape)
+        shares = np.zeros(end - begin, np.float32)
+        if (first < last).all():
+            (row, column), (row_end, column_end) = first - self.low, last - self.low
+            seen = np.isfinite(self.first[row:row_end, column:column_end])
+            padded = np.pad(seen, np.stack([first % side, -last % side], axis=1))
+            rows, columns = np.array(padded.shape) // side
+            row, column = first // side - begin
+            together = padded.reshape(rows, side, columns, side).mean(axis=(1, 3), dtype=np.float32)
+            shares[row : row + rows, column : column + columns] = together
+        return shares, begin, side * self.cell
 
     def message(self, *, times: bool = False) -> dict[str, Any] | None:
         """For pages: the painted box, rows from the south, columns from the west; None where nothing was seen.
@@ -85,8 +104,7 @@ class Cells:
     def _held(self, low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> tuple[slice, slice]:
         """Slices of the cells of a box [m], which the grid grows to hold."""
         while True:
-            a, b = np.floor(np.asarray(low) / self.cell).astype(int), np.ceil(np.asarray(high) / self.cell).astype(int)
-            b = np.maximum(b, a + 1)
+            a, b = _range(low, high, self.cell)
             size = np.array(self.first.shape)
             if size.all() and (a >= self.low).all() and (b <= self.low + size).all():
                 begin, end = a - self.low, b - self.low
@@ -117,6 +135,12 @@ class Cells:
             padded = np.pad(getattr(self, name), [(before[0], 0), (before[1], 0)], constant_values=NEVER)
             setattr(self, name, np.ascontiguousarray(padded[::2, ::2]))
         self.low = (self.low - before) // 2
+
+
+def _range(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray, cell: float) -> np.ndarray:
+    """Row and column of the first cell of a box [m], and those behind its last, (2, 2)."""
+    begin = np.floor(np.asarray(low) / cell).astype(int)
+    return np.stack([begin, np.maximum(np.ceil(np.asarray(high) / cell).astype(int), begin + 1)])
 
 
 def _packed(values: np.ndarray) -> str:

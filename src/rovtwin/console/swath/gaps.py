@@ -1,11 +1,13 @@
 """What of a survey's area an eye has not seen: the share, outlines of the gaps, and lines over them. For a worker."""
 
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from rovtwin.console.surveys import SurveyArea, rows_over
 from rovtwin.core.errors import ConfigError
@@ -13,6 +15,7 @@ from rovtwin.survey.library import shapely_library
 
 LEAST = 4  # cells of a gap that is worth a word, as in a map's gaps
 LISTED = 40  # gaps with outlines, the largest
+MIDDLE = "planned_swath.middle"  # a place on the vehicle that is there for the planner alone
 FINEST = 200  # cells along the longer side of the area, in which gaps are outlined
 
 Corners = tuple[tuple[float, float], ...]  # of an area: north, east [m]
@@ -20,27 +23,32 @@ Corners = tuple[tuple[float, float], ...]  # of an area: north, east [m]
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Cells over the box of an area, seen or not.
+    """How much was seen of each cell over the box of an area.
 
     Attributes:
-        bits: Packed, row by row from the south, each from the west.
+        shares: Packed, row by row from the south, each from the west; 0 to 1.
         shape: Rows and columns.
         low: Row and column of the first cell, counted from the origin of n.
         cell: Side of a cell [m].
     """
 
-    bits: bytes
+    shares: bytes
     shape: tuple[int, int]
     low: tuple[int, int]
     cell: float
 
     @classmethod
-    def of(cls, seen: Bool[np.ndarray, "n m"], low: Any, cell: float) -> "Seen":
-        return cls(np.packbits(seen).tobytes(), (seen.shape[0], seen.shape[1]), (int(low[0]), int(low[1])), cell)
+    def of(cls, shares: Float[np.ndarray, "n m"], low: Any, cell: float) -> "Seen":
+        """Of what `Cells.window` gives; half floats hold its shares exactly up to 32 x 32 cells together."""
+        packed = zlib.compress(shares.astype(np.float16).tobytes(), 1)
+        return cls(packed, (shares.shape[0], shares.shape[1]), (int(low[0]), int(low[1])), cell)
 
-    def unpacked(self) -> Bool[np.ndarray, "n m"]:
-        count = self.shape[0] * self.shape[1]
-        return np.unpackbits(np.frombuffer(self.bits, np.uint8), count=count).astype(bool).reshape(self.shape)
+    def unpacked(self) -> Float[np.ndarray, "n m"]:
+        return np.frombuffer(zlib.decompress(self.shares), np.float16).astype(float).reshape(self.shape)
+
+    def missing(self, corners: Corners) -> Bool[np.ndarray, "n m"]:
+        """Cells in an area of which half or more was not seen."""
+        return _inside(corners, self.shape, self.low, self.cell) & (self.unpacked() <= 0.5)
 
 
 def share_seen(corners: Corners, seen: Seen) -> dict[str, Any]:
@@ -53,11 +61,10 @@ def share_seen(corners: Corners, seen: Seen) -> dict[str, Any]:
         ConfigError: No shapely.
     """
     inside = _inside(corners, seen.shape, seen.low, seen.cell)
-    unseen = inside & ~seen.unpacked()
     total, area = int(inside.sum()), seen.cell**2
-    regions = _regions(unseen, seen)
+    regions = _regions(seen.missing(corners), seen)
     return {
-        "share": 1.0 - float(unseen.sum()) / total if total else 0.0,
+        "share": float(seen.unpacked()[inside].mean()) if total else 0.0,
         "area_m2": total * area,
         "gaps_m2": sum(region.area for region in regions),
         "count": len(regions),
@@ -74,7 +81,8 @@ def lines_over(
         survey: Whose area it is.
         seen: What was seen of it.
         vehicle: Name, file or description.
-        eye: `name`, `kind`, `imager` ("" of what is none) and `width` of its swath [m].
+        eye: `name`, `imager` ("" of what is none), `width` of its swath, and its `middle` ahead of the vehicle's origin
+            and to the right of it [m].
         floor: Depth of the floor [m].
 
     Raises:
@@ -84,19 +92,29 @@ def lines_over(
     from rovtwin.survey.room import Swath
 
     shapely = shapely_library()
-    regions = _regions(_inside(survey.corners, seen.shape, seen.low, seen.cell) & ~seen.unpacked(), seen)
+    regions = _regions(seen.missing(survey.corners), seen)
     if not regions:
         raise ConfigError("nothing is missing: all of the area was seen")
     parts = shapely.get_parts(shapely.union_all(regions).intersection(shapely.Polygon(survey.corners)))
-    return rows_over(
-        survey,
-        vehicle,
-        None if eye["imager"] else Swath(eye["width"]),
-        mapping=MapRequest(eye["imager"]) if eye["imager"] else None,
-        floor=floor,
-        sees=None if eye["kind"] == "sonar" else eye["name"],
-        gaps=shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"]),
-    )
+    asked = {"floor": floor, "gaps": shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])}
+    if eye["imager"]:
+        return rows_over(survey, vehicle, mapping=MapRequest(eye["imager"]), sees=eye["name"], **asked)
+    described = _with_middle(vehicle, eye["middle"])
+    return rows_over(survey, described, Swath(eye["width"]), sees=MIDDLE, **asked)
+
+
+def _with_middle(vehicle: str | dict[str, Any], middle: Sequence[float]) -> dict[str, Any]:
+    """A vehicle's description with MIDDLE as one more place that sees: the planner takes a swath to lie below that.
+
+    A camera's own place would do only if it looked straight down, and a sonar is nothing that the planner knows.
+    """
+    from rovtwin.vehicle import load_vehicle
+
+    described = load_vehicle(vehicle).to_dict() if isinstance(vehicle, str) else vehicle
+    part, _, sensor = MIDDLE.partition(".")
+    pose = {"position": [float(middle[0]), float(middle[1]), 0.0]}
+    seeing = {"name": part, "sensors": [{"name": sensor, "kind": "imager", "pose": pose}]}
+    return described | {"parts": [*described.get("parts", []), seeing]}
 
 
 @lru_cache(maxsize=8)

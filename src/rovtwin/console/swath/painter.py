@@ -17,6 +17,7 @@ from rovtwin.runs.mapping.request import COURSE, TURN
 STALE = 1.0  # a reading, or a link, that is older says nothing any more [s]
 GAP = 3.0  # between two poses, over which no strip is drawn [s]
 LEAP, FASTEST = 0.5, 2.0  # an estimate that goes farther [m], at more than that speed [m/s], was put right: no strip
+UNJUDGED = "no pose yet"  # why nothing is painted before the first instant is judged
 FINEST = 0.02  # of the swath: the vehicle moves on so far before it is painted again, or half a cell
 
 
@@ -79,8 +80,8 @@ class Painter:
     Attributes:
         eye: That sees.
         cells: What it has seen.
-        at: The last instant that was judged [s].
-        why: Why nothing was painted of it, "" where something was.
+        why: Why nothing was painted of the last instant that was judged, "" where something was.
+        course: From when on [s] that was so, each time it changed.
         height: Of the vehicle's origin over the floor then [m]; None where it is not known.
         began, ended: First and last instant that was painted [s]; None before.
         floor: Its depth at the last instant that was painted [m]; None before.
@@ -88,7 +89,8 @@ class Painter:
 
     def __init__(self, eye: Eye, cells: Cells | None = None):
         self.eye, self.cells = eye, cells or Cells()
-        self.at, self.why = 0.0, ""
+        self.why = UNJUDGED
+        self.course = [(0.0, self.why)]
         self.height: float | None = None
         self.began: float | None = None
         self.ended: float | None = None
@@ -115,7 +117,6 @@ class Painter:
         while self._next < len(self._window) and self._window[self._next].t <= until:
             now = self._window[self._next]
             self._next += 1
-            self.at = now.t
             self.why = now.why or ("turning" if abs(self._turn_rate(now.t)) > TURN else "")
             self.height = None if np.isnan(now.floor) else now.floor - float(now.eta[2])
             outline = None if self.why else self._outline(now)
@@ -123,6 +124,8 @@ class Painter:
                 self._edge = None
             else:
                 self._sweep(now, outline)
+            if self.why != self.course[-1][1]:
+                self.course.append((now.t, self.why))
 
     def _turn_rate(self, t: float) -> float:
         """Of the heading over COURSE about a time, as `mapping.navigation` has it [rad/s]."""

@@ -148,7 +148,7 @@ class SwathLayer:
         swath = swath_of(painter.eye, painter.floor - area.depth)
         if swath is None:
             raise ConfigError(f"{painter.eye.name} would see nothing {area.depth:g} m deep, the floor is too far")
-        eye = {"name": painter.eye.name, "kind": painter.eye.kind, "imager": painter.eye.imager, "width": swath[0]}
+        eye = {"name": painter.eye.name, "imager": painter.eye.imager, "width": swath[0], "middle": swath[1].tolist()}
         rows = await self._hub.worker.call(
             lines_over, area, _seen(painter, area), self._hub.vehicle, eye, painter.floor
         )
@@ -187,5 +187,4 @@ def seeing(scenario: Scenario) -> tuple[list[Eye], list[str], Depths]:
 
 def _seen(painter: Painter, area: SurveyArea) -> Seen:
     corners = area.corners
-    seen, first = painter.cells.window(np.min(corners, axis=0), np.max(corners, axis=0))
-    return Seen.of(seen, first, painter.cells.cell)
+    return Seen.of(*painter.cells.window(np.min(corners, axis=0), np.max(corners, axis=0)))
