@@ -145,12 +145,24 @@ def test_what_does_not_go_together_is_named(reef, tmp_path):
     out = places(tmp_path / "out.csv", [("sand", 900.0, 0.0)])
     nowhere = places(tmp_path / "nowhere.csv", [("sand", -0.01, 0.2)])
     radiance = folder_of(tmp_path / "radiance", x, "radiance")
+    rng = np.random.default_rng(4)
+    many = library(tmp_path / "many.csv", **{f"c{k}": rng.uniform(0.1, 0.4, len(sand)) for k in range(len(sand))})
+    black = library(tmp_path / "black.csv", sand=sand, tar=0.0 * sand)
+    sums = library(tmp_path / "sums.csv", sand=sand, kelp=kelp, mud=spectra()[3], blend=0.3 * sand + 0.7 * kelp)
+    reserved = library(tmp_path / "reserved.csv", sand=sand, Mixed=kelp)
+    other = places(tmp_path / "other.csv", [("sand", -0.3, 0.3), ("other", -0.3, 0.3)])
     for arguments, words in (
         ((folder, "--library", far), "they share 0 bands"),
         ((folder, "--library", same), "a and pale have spectra of one shape"),
         ((folder, "--classes", "sand,seagrass"), "found 'seagrass', expected some of sand, mud"),
         ((folder, "--classes", "sand,sand"), "names 'sand' twice"),
         ((folder, "--classes", "grey_20,white_50"), "tells apart"),
+        ((folder, "--library", many), "found 41 classes, expected at most 36"),
+        ((folder, "--library", black), "tar is 0 in all 37 bands"),
+        ((folder, "--library", sums), "nearly a sum of multiples of sand, kelp"),
+        ((folder, "--library", reserved), "reserved.csv: found a class 'Mixed', expected none of mixed"),
+        ((folder, "--train", other), "other.csv: row 3: found a class 'other'"),
+        ((folder, "--train", other, "--classes", "sand"), "--train, --classes: expected one of them"),
         ((folder, "--train", out), "lies outside the mosaic"),
         ((folder, "--train", nowhere), "no cell within 0.04 m has all"),
         ((folder, "--train", out, "--library", far), "expected one of them"),

@@ -11,12 +11,12 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.imaging.lines import LinesFile
 from rovtwin.mapping.classes.accuracy import Adjusted, Confusion, adjusted, counted
 from rovtwin.runs.mapping.classification.places import read_places
+from rovtwin.runs.mapping.classification.refusals import OTHER, OUTSIDE_NAME
 from rovtwin.runs.mapping.classification.sources import Prepared
-from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, OUTSIDE_NAME, Classified
+from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, Classified
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
-OTHER = "other"  # in files of check points: none of the classes
 _CELLS = 8000  # of which the truth is looked up
 _WITHIN = 0.25  # of a cell: where within it, to each side
 

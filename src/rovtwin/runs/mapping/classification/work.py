@@ -11,10 +11,10 @@ from rovtwin.core.errors import LogError
 from rovtwin.mapping.classes.angle import Angles, angles, limits
 from rovtwin.mapping.classes.areas import Sample, deviations, interval
 from rovtwin.mapping.classes.unmixing import Shares
+from rovtwin.runs.mapping.classification.refusals import MIXED_NAME, OUTSIDE_NAME
 from rovtwin.runs.mapping.classification.sources import Prepared
 
 NOT_SEEN, OUTSIDE = 255, 0  # values of cells without a number, and of those not of the library
-MIXED_NAME, OUTSIDE_NAME = "mixed", "not of this library"
 _AT_ONCE = 8e6  # bytes of values of the rows looked at together
 _KNOWN = 0.5  # share of the bands that a cell must know
 _SAMPLE = 2000  # cells of which errors of areas are drawn

@@ -1,5 +1,7 @@
 """Files of a classification but its page; the note comes last."""
 
+import csv
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,7 +135,10 @@ def write_files(judged: Judged, folder: Path) -> Classification:
     prepared, total = found.prepared, found.total_m2
     _rasters(judged, folder)
     areas = areas_of(judged)
-    rows = [",".join(areas[0]), *(",".join(str(one) for one in row.values()) for row in areas)]
+    table = io.StringIO()
+    rows = csv.DictWriter(table, list(areas[0]), lineterminator="\n")
+    rows.writeheader()
+    rows.writerows(areas)
     figures: dict[str, Any] = {
         "classified_m2": total,
         "mixed_m2": total * found.areas.mixed,
@@ -159,9 +164,9 @@ def write_files(judged: Judged, folder: Path) -> Classification:
         areas_by = judged.checked.areas
         figures |= {"checked_accuracy": areas_by.overall, "checked_accuracy_sd": areas_by.overall_sd}
         note["checks"] = _confusion(judged.checked.confusion)
-    for name, text in (("areas.csv", "\n".join(rows)), (NOTE, json.dumps(note, indent=1))):
+    for name, text in (("areas.csv", table.getvalue()), (NOTE, json.dumps(note, indent=1) + "\n")):
         try:
-            write_text(folder / name, text + "\n")
+            write_text(folder / name, text)
         except OSError as error:
             raise write_error(folder / name, error) from error
     return Classification(folder, note)
