@@ -12,7 +12,7 @@ import numpy as np
 from rovtwin._version import __version__
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.classes.accuracy import Confusion
+from rovtwin.mapping.classes.accuracy import FEW, Confusion
 from rovtwin.mapping.formats import envi, geotiff
 from rovtwin.mapping.formats.class_colours import MIXED, OUTSIDE, Colour, class_colours
 from rovtwin.runs.mapping.classification.judging import Checked, Truth
@@ -94,6 +94,10 @@ def _of_checks(checked: Checked) -> list[str]:
             f"fewer than 2 check points on {', '.join(checked.areas.few)} ({checked.areas.unknown:.1%} of the area): "
             "whatever lies there widens each interval by all of it"
         )
+    if checked.areas.rough:
+        words.append(
+            f"fewer than {FEW} check points on {', '.join(checked.areas.rough)}: intervals by check points are rough there"
+        )
     if checked.unseen:
         words.append(f"{checked.unseen} check points lie on cells without a class and are left out")
     return words
@@ -118,7 +122,7 @@ def areas_of(judged: Judged) -> list[dict[str, Any]]:
             at = true.index(name) if name in true else None
             row["checked_m2"] = 0.0 if at is None else total * areas.share[at]
             row["checked_low_m2"] = 0.0 if at is None else total * low[at]
-            row["checked_high_m2"] = total * (areas.unknown if at is None else high[at])
+            row["checked_high_m2"] = total * (areas.most_absent() if at is None else high[at])
         if judged.truth is not None:
             row["true_m2"] = total * judged.truth.share[k]
         rows.append({key: one if isinstance(one, str) else float(f"{one:.6g}") for key, one in row.items()})
