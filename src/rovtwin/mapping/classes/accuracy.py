@@ -137,7 +137,8 @@ def _variance(
     count: Float[np.ndarray, "stratum true"], n: Int[np.ndarray, " stratum"], agreed: Bool[np.ndarray, " stratum"]
 ) -> Float[np.ndarray, "stratum true"]:
     """Of shares p of points. Where all agree p (1 - p) is 0, though p may be off: there the second moment about p of
-    Agresti and Coull's estimate, with points added to each side."""
+    Agresti and Coull's estimate, with points added to each side.
+    """
     p, more = count / n[:, None], n[:, None] + 2 * _ADDED
     q = (count + _ADDED) / more
     return np.where(agreed[:, None], q * (1.0 - q) / more + (p - q) ** 2, p * (1.0 - p) / (n[:, None] - 1))

@@ -96,7 +96,7 @@ def _of_checks(checked: Checked) -> list[str]:
         )
     if checked.areas.rough:
         words.append(
-            f"fewer than {FEW} check points on {', '.join(checked.areas.rough)}: intervals by check points are rough there"
+            f"fewer than {FEW} check points on {', '.join(checked.areas.rough)}: their intervals are rough there"
         )
     if checked.unseen:
         words.append(f"{checked.unseen} check points lie on cells without a class and are left out")
