@@ -25,7 +25,7 @@ def test_a_table_is_read_in_the_order_of_wavelengths_with_its_gaps(tmp_path):
     assert found.chosen(("kelp",)).spectra.shape == (1, len(W))
 
 
-@pytest.mark.parametrize("unit", ["nanometers", "micrometers"])
+@pytest.mark.parametrize("unit", ["nanometers", "micrometers", "\u00b5m", "\u03bcm"])
 def test_an_envi_library_of_spy_is_read_by_its_header_and_by_its_numbers(tmp_path, unit):
     spectra = np.array([np.linspace(0.1, 0.4, len(W)), np.linspace(0.3, 0.2, len(W))])
     w = W if unit == "nanometers" else 1e-3 * W
@@ -84,3 +84,38 @@ def test_micrometres_words_a_missing_file_and_a_cube_are_named(tmp_path):
         read_library(tmp_path / "cube.hdr")
     with pytest.raises(ConfigError, match="expected some of sand"):
         made_here().chosen(("sand", "seagrass"))
+
+
+def integers(folder, offset=0, **fields):
+    """An ENVI library of two spectra in ten-thousandths, one of which lacks a value."""
+    values = np.full((2, len(W)), 2500, "<i2")
+    values[1, 3] = -999
+    values.tofile(folder / "l.sli")
+    head = {
+        "samples": len(W),
+        "lines": 2,
+        "data type": 2,
+        "file type": "ENVI Spectral Library",
+    }
+    head |= {"wavelength": "{" + ", ".join(map(str, W)) + "}", "spectra names": "{sand, mud}"}
+    head["header offset"] = offset
+    head |= {name.replace("_", " "): value for name, value in fields.items()}
+    (folder / "l.hdr").write_text("\n".join(["ENVI", *(f"{name} = {value}" for name, value in head.items())]) + "\n")
+    return folder / "l.hdr"
+
+
+def test_values_to_ignore_are_those_of_the_file_before_they_are_scaled(tmp_path):
+    found = read_library(integers(tmp_path, reflectance_scale_factor=10000, data_ignore_value=-999))
+    assert np.isnan(found.spectra[1, 3]) and np.isnan(found.spectra).sum() == 1
+    assert np.nanmax(found.spectra) == np.nanmin(found.spectra) == 0.25
+
+
+def test_negative_reflectances_and_offsets_beyond_the_file_are_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"mud has -0\.0999 at 395 nm, expected reflectances"):
+        read_library(integers(tmp_path, reflectance_scale_factor=10000))
+    with pytest.raises(ConfigError, match="found a header offset of 5000, expected less than the 340 bytes"):
+        read_library(integers(tmp_path, offset=5000))
+    with pytest.raises(ConfigError, match="found a reflectance scale factor of 0"):
+        read_library(integers(tmp_path, reflectance_scale_factor=0))
+    with pytest.raises(ConfigError, match=r"sand has -0\.05 at 380 nm"):
+        read_library(csv(tmp_path / "l.csv", "wavelength,sand", W, np.where(W < 385.0, -0.05, 0.2)))

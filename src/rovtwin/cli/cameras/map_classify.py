@@ -42,7 +42,7 @@ def map_classify(
         bool,
         typer.Option("--fixed-brightness", help="Spectra are as bright as the library's; else each cell's is fitted."),
     ] = False,
-    draws: Annotated[int, typer.Option(min=2, max=2000, help="Of the errors of areas.")] = 80,
+    draws: Annotated[int, typer.Option(min=0, max=2000, help="Of the errors of areas: 40 or more; 0: none.")] = 80,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="New folder; default classes in MOSAIC.")] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -2,13 +2,15 @@
 
 References: Congalton (1991), A review of assessing the accuracy of classifications of remotely sensed data, Remote
 Sensing of Environment 37 (producer's and user's accuracy, kappa); Olofsson et al. (2014), Good practices for estimating
-area and assessing accuracy of land change, Remote Sensing of Environment 148 (the stratified estimator).
+area and assessing accuracy of land change, Remote Sensing of Environment 148 (the stratified estimator); Agresti and
+Coull (1998), Approximate is better than "exact" for interval estimation of binomial proportions, The American
+Statistician 52(2) (shares of which all points agree).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.stats import norm
 
 
@@ -63,6 +65,10 @@ def counted(mapped: list[str], true: list[str], classes: tuple[str, ...]) -> Con
     return Confusion(classes, columns, count)
 
 
+_ADDED = 2  # points to each side, as Agresti and Coull add them for 95 %
+FEW = 20  # points in a stratum, below which its intervals are rough
+
+
 @dataclass(frozen=True)
 class Adjusted:
     """Areas by check points.
@@ -70,18 +76,22 @@ class Adjusted:
     Attributes:
         share: Of the mapped area, by true class.
         sd: Standard error of it.
-        overall: Overall accuracy, by area.
+        absent_sd: Of the share of a class that none of the points is of.
+        overall: Overall accuracy by area, of the area whose strata have points; None where none has two.
         overall_sd: Standard error of it.
-        few: Classes of the map with less than two check points, whose area counts as unknown: each true class may have
+        few: Classes of the map with fewer than two check points, whose area counts as unknown: each true class may have
             all of it or nothing.
-        unknown: Their share of the mapped area.
+        rough: Those with two or more, and fewer than `FEW`.
+        unknown: Share of the mapped area of `few`.
     """
 
     share: Float[np.ndarray, " true"]
     sd: Float[np.ndarray, " true"]
-    overall: float
-    overall_sd: float
+    absent_sd: float
+    overall: float | None
+    overall_sd: float | None
     few: tuple[str, ...]
+    rough: tuple[str, ...]
     unknown: float
 
     def interval(self, level: float = 0.95) -> tuple[Float[np.ndarray, " true"], Float[np.ndarray, " true"]]:
@@ -89,28 +99,46 @@ class Adjusted:
         z = float(norm.ppf(0.5 + 0.5 * level))
         return np.maximum(self.share - z * self.sd, 0.0), np.minimum(self.share + z * self.sd + self.unknown, 1.0)
 
+    def most_absent(self, level: float = 0.95) -> float:
+        """Upper end of the interval of a class that none of the points is of."""
+        return min(float(norm.ppf(0.5 + 0.5 * level)) * self.absent_sd + self.unknown, 1.0)
 
-def adjusted(confusion: Confusion, weight: Float[np.ndarray, " mapped"]) -> Adjusted:
+
+def adjusted(confusion: Confusion, weight: Float[np.ndarray, " mapped"], never: tuple[str, ...] = ()) -> Adjusted:
     """Stratified estimate, the map's classes the strata.
 
     Args:
         confusion: Of check points drawn at random within each class of the map.
         weight: Share of the mapped area of each class of the map.
+        never: Classes of the map that no point can be of, such as mixtures: they count as mapped wrong.
     """
     n = confusion.count.sum(axis=1)
     enough = n >= 2
-    p = confusion.count[enough] / n[enough, None]
-    W = weight[enough]
-    variance = (W**2 / (n[enough] - 1))[:, None] * p * (1.0 - p)
-    right = np.array(
-        [
-            p[k, confusion.true.index(name)] if name in confusion.true else 0.0
-            for k, name in enumerate(np.array(confusion.mapped, object)[enough])
-        ]
-    )
-    few = tuple(name for name, some, w in zip(confusion.mapped, enough, weight, strict=True) if not some and w > 0)
+    mapped = [name for name, some in zip(confusion.mapped, enough, strict=True) if some]
+    W, count, n_of = weight[enough], confusion.count[enough], n[enough]
+    agreed = (count == n_of[:, None]).any(axis=1)
+    variance = (W**2)[:, None] * _variance(count, n_of, agreed)
+    absent = W**2 * _variance(np.zeros((len(W), 1)), n_of, np.ones(len(W), bool))[:, 0]
+    right = np.array([count[k, confusion.true.index(x)] if x in confusion.true else 0 for k, x in enumerate(mapped)])
+    able = np.array([name not in never for name in mapped], bool)
+    of_right = W**2 * _variance(right[:, None], n_of, agreed)[:, 0] * able
+    known = float(W.sum())
+    in_use = [(name, k) for name, k, w in zip(confusion.mapped, n, weight, strict=True) if w > 0]
     return Adjusted(
-        W @ p, np.sqrt(variance.sum(axis=0)), float(W @ right),
-        float(np.sqrt(np.sum(W**2 * right * (1.0 - right) / np.maximum(n[enough] - 1, 1)))),
-        few, float(weight[~enough].sum()),
+        W @ (count / n_of[:, None]), np.sqrt(variance.sum(axis=0)), float(np.sqrt(absent.sum())),
+        float(W @ (right / n_of)) / known if known > 0.0 else None,
+        float(np.sqrt(of_right.sum())) / known if known > 0.0 else None,
+        tuple(name for name, k in in_use if k < 2), tuple(name for name, k in in_use if 2 <= k < FEW),
+        float(weight[~enough].sum()),
     )  # fmt: skip
+
+
+def _variance(
+    count: Float[np.ndarray, "stratum true"], n: Int[np.ndarray, " stratum"], agreed: Bool[np.ndarray, " stratum"]
+) -> Float[np.ndarray, "stratum true"]:
+    """Of shares p of points. Where all agree p (1 - p) is 0, though p may be off: there the second moment about p of
+    Agresti and Coull's estimate, with points added to each side.
+    """
+    p, more = count / n[:, None], n[:, None] + 2 * _ADDED
+    q = (count + _ADDED) / more
+    return np.where(agreed[:, None], q * (1.0 - q) / more + (p - q) ** 2, p * (1.0 - p) / (n[:, None] - 1))

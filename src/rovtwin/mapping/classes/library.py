@@ -24,6 +24,8 @@ ALIKE = float(np.radians(0.5))  # angle of spectra that no mosaic tells apart
 _PERCENT = 1.5  # of reflectance: what is larger counts in percent
 _FEWEST = 250.0  # nm: a wavelength below is one in micrometres
 _TYPES = {"1": "u1", "2": "i2", "3": "i4", "4": "f4", "5": "f8", "12": "u2", "13": "u4"}  # of ENVI's data types
+_MICROMETRES = ("micro", "um", "\u00b5m", "\u03bcm", "\ufffdm")  # micro sign, Greek letter, and one in Latin-1
+_DARKEST = -0.02  # reflectance that noise may leave: what is more negative is none
 _STEP, _SIGMA = 0.25, 2.3548  # of the integral over a band [nm]; widths at half maximum to standard deviations
 
 
@@ -134,6 +136,7 @@ def _of_envi(path: Path) -> Library:
         bands, count = int(fields["samples"]), int(fields["lines"])
         kind = _TYPES[fields["data type"]]
         offset, scale = int(fields.get("header offset", 0)), float(fields.get("reflectance scale factor", 1.0))
+        ignored = float(fields["data ignore value"]) if "data ignore value" in fields else np.nan
         w = np.array([float(x) for x in _list(fields["wavelength"])])
     except (KeyError, ValueError) as error:
         raise ConfigError(f"{where}: a field cannot be read: {error}") from None
@@ -141,16 +144,23 @@ def _of_envi(path: Path) -> Library:
         f"spectrum {k + 1}" for k in range(count)
     )  # fmt: skip
     numbers = path if path.suffix.lower() != ".hdr" else _beside(path, (".sli", ".slb", ".lib", ""), path)
+    if not 0 <= offset < (size := numbers.stat().st_size):
+        raise ConfigError(
+            f"{where}: found a header offset of {offset}, expected less than the {size} bytes of {numbers}"
+        )
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise ConfigError(f"{where}: found a reflectance scale factor of {scale:g}, expected a number above 0")
     data = np.fromfile(numbers, (">" if fields.get("byte order", "0") == "1" else "<") + kind, offset=offset)
     if len(data) < bands * count or len(w) != bands or len(names) != count:
         raise ConfigError(
             f"{where}: found {len(data)} numbers, {len(w)} wavelengths and {len(names)} names, expected {bands} x "
             f"{count}, {bands} and {count}"
         )
-    if fields.get("wavelength units", "").lower().startswith(("micro", "um")):
+    if fields.get("wavelength units", "").lower().startswith(_MICROMETRES):
         w = 1e3 * w
-    spectra = data[: bands * count].reshape(count, bands).astype(float) / scale
-    return Library(names, w, spectra, path.name)
+    spectra = data[: bands * count].reshape(count, bands)
+    unknown = (spectra == spectra.dtype.type(ignored)) if spectra.dtype.kind == "f" else spectra == ignored
+    return Library(names, w, np.where(unknown, np.nan, spectra.astype(float) / scale), path.name)
 
 
 def _beside(path: Path, endings: tuple[str, ...], other: Path) -> Path:
@@ -187,9 +197,14 @@ def _require_sound(path: Path, library: Library) -> None:
     if w.max() < _FEWEST:
         raise ConfigError(f"{where}: found wavelengths of {w.min():g} to {w.max():g}, expected nm (are these um?)")
     if empty := [name for name, row in zip(library.names, spectra, strict=True) if np.isfinite(row).sum() < 2]:
-        raise ConfigError(f"{where}: {empty[0]} has less than two numbers")
+        raise ConfigError(f"{where}: {empty[0]} has fewer than two numbers")
     for name, row in zip(library.names, spectra, strict=True):
-        most = float(np.nanmax(row))
+        least, most = float(np.nanmin(row)), float(np.nanmax(row))
+        if least < _DARKEST:
+            raise ConfigError(
+                f"{where}: {name} has {least:g} at {w[np.nanargmin(row)]:g} nm, expected reflectances of 0 to 1. Leave "
+                "out what is not known, or give its mark as `data ignore value`"
+            )
         if most > _PERCENT:
             raise ConfigError(
                 f"{where}: {name} reaches {most:g}, expected reflectances of 0 to 1. Divide what is in percent by 100"

@@ -11,12 +11,12 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.imaging.lines import LinesFile
 from rovtwin.mapping.classes.accuracy import Adjusted, Confusion, adjusted, counted
 from rovtwin.runs.mapping.classification.places import read_places
+from rovtwin.runs.mapping.classification.refusals import MIXED_NAME, OTHER, OUTSIDE_NAME
 from rovtwin.runs.mapping.classification.sources import Prepared
-from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, OUTSIDE_NAME, Classified
+from rovtwin.runs.mapping.classification.work import NOT_SEEN, OUTSIDE, Classified
 from rovtwin.simulation.imager.ground import Ground
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
-OTHER = "other"  # in files of check points: none of the classes
 _CELLS = 8000  # of which the truth is looked up
 _WITHIN = 0.25  # of a cell: where within it, to each side
 
@@ -113,4 +113,4 @@ def by_points(found: Classified, path: Path) -> Checked:
     mapped, true = [found.mapped[numbers[k]] for k in seen], [places[k].name for k in seen]
     true = [OUTSIDE_NAME if name == OTHER else name for name in true]
     confusion = counted(mapped, true, found.mapped)
-    return Checked(confusion, adjusted(confusion, found.weights), len(places) - len(seen))
+    return Checked(confusion, adjusted(confusion, found.weights, (MIXED_NAME,)), len(places) - len(seen))

@@ -1,5 +1,6 @@
 """Classes of a mosaic: what is asked for, done, judged and written."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,6 +35,7 @@ def classify(
     """
     if out.exists():
         raise ConfigError(exists_already(out))
+    _require_folder(out)
     scene = None if request.truth is None else scene_of(request.truth)
     prepared = prepare(mosaic, request)
     found = classified(prepared, progress)
@@ -44,3 +46,11 @@ def classify(
     out.mkdir(parents=True)
     write_classes_page(out, judged)
     return write_files(judged, out)
+
+
+def _require_folder(out: Path) -> None:
+    """That it can be made is known before the work; what is refused later leaves none."""
+    there = next(parent for parent in out.absolute().parents if parent.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        found = "is no folder" if not there.is_dir() else "cannot be written to"
+        raise ConfigError(f"-o {out}: {there} {found}, expected one that a folder can be made in. Choose another")

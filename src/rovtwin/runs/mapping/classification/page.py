@@ -12,7 +12,8 @@ from rovtwin.report.mapping.figures import Sheet, layers
 from rovtwin.report.mapping.page import write_map_page
 from rovtwin.report.parts.page import Picture, save
 from rovtwin.report.parts.tables import Table
-from rovtwin.runs.mapping.classification.work import MIXED_NAME, Classified
+from rovtwin.runs.mapping.classification.refusals import MIXED_NAME
+from rovtwin.runs.mapping.classification.work import Classified
 from rovtwin.runs.mapping.classification.writing import FILES, Judged, alike, areas_of, remarks_of
 
 _PANELS, _LEAST = 9, 0.005  # shares that are shown at most, and of how much of the area

@@ -9,10 +9,11 @@ from jaxtyping import Float, Int
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.mapping.change.channels import noise_of
 from rovtwin.mapping.classes.angle import angle_between
-from rovtwin.mapping.classes.library import ALIKE, USUAL, Library, common_bands, made_here, read_library, similarity
+from rovtwin.mapping.classes.library import USUAL, Library, common_bands, made_here, read_library, similarity
 from rovtwin.mapping.classes.unmixing import Unmixing
 from rovtwin.mapping.formats.envi import NO_DATA
 from rovtwin.runs.mapping.classification.places import Ground, Place, read_places
+from rovtwin.runs.mapping.classification.refusals import require_apart, require_independent, require_name
 from rovtwin.runs.mapping.classification.request import ClassifyRequest
 from rovtwin.runs.mapping.result import Mosaic
 
@@ -141,12 +142,19 @@ def prepare(mosaic: Mosaic, request: ClassifyRequest) -> Prepared:
     remarks += words
     classes, words = _classes(mosaic, request, library, spectra, places, bands)
     remarks += words
+    require_apart(classes.source, classes.names, classes.spectra, _fewer(request))
     errors, words = ({}, []) if classes.trained else _errors(mosaic, bands)
     remarks += words
-    _require_apart(classes)
     if unknown := [name for name in request.threshold if name and name not in classes.names]:
         raise ConfigError(f"--threshold: found '{unknown[0]}', expected some of {', '.join(classes.names)}")
-    return Prepared(mosaic, request, ground, classes, bands, noise, scale, typical, errors, remarks)
+    prepared = Prepared(mosaic, request, ground, classes, bands, noise, scale, typical, errors, remarks)
+    weighed = classes.spectra * prepared.unmixing.weight
+    require_independent(classes.source, classes.names, weighed, _fewer(request))
+    return prepared
+
+
+def _fewer(request: ClassifyRequest) -> str:
+    return "choose some with --classes" if request.train is None else "take its places out of the file"
 
 
 def _require_units(mosaic: Mosaic, request: ClassifyRequest) -> None:
@@ -155,16 +163,26 @@ def _require_units(mosaic: Mosaic, request: ClassifyRequest) -> None:
             f"{mosaic.folder}: holds {mosaic.about['quantity']}, and a library has reflectances. Say --train "
             "places.csv (spectra of the mosaic itself), or map without --radiance"
         )
+    if request.train is not None and request.classes:
+        raise ConfigError(
+            "--train, --classes: expected one of them: classes are those of the places. Take --classes out, and "
+            "places that are not to count out of the file"
+        )
     if request.train is not None and request.library is not None:
         raise ConfigError("--train, --library: expected one of them: classes are the mosaic's own, or a library's")
 
 
 def _library(request: ClassifyRequest, places: list[Place] | None) -> tuple[Library | None, list[str]]:
     if places is not None:
+        for row, place in enumerate(places, 2):
+            require_name(f"--train {request.train}: row {row}", place.name)
         return None, []
     if request.library is not None:
         library = read_library(request.library)
-        return library.chosen(request.classes or library.names), []
+        chosen = library.chosen(request.classes or library.names)
+        for name in chosen.names:
+            require_name(f"--library {request.library}", name)
+        return chosen, []
     words = ["library: shapes made here, no measurements; of your site measure your own (--library, --train)"]
     return made_here().chosen(request.classes or USUAL), words
 
@@ -257,14 +275,3 @@ def _trained(mosaic: Mosaic, places: list[Place], bands: np.ndarray, variability
     if single:
         words.append(f"one place alone for {', '.join(single)}: variability taken as {np.degrees(variability):.1f} deg")
     return Classes(names, np.array(means), np.array(spread), "training places", True), words
-
-
-def _require_apart(classes: Classes) -> None:
-    for k, name in enumerate(classes.names):
-        for i in range(k):
-            if classes.between[k, i] < ALIKE:
-                raise ConfigError(
-                    f"{classes.source}: {classes.names[i]} and {name} have spectra of one shape "
-                    f"({np.degrees(classes.between[k, i]):.2f} deg apart), which neither angle nor mixture tells "
-                    "apart. Leave one out (--classes), or join them"
-                )

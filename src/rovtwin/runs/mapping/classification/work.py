@@ -11,10 +11,10 @@ from rovtwin.core.errors import LogError
 from rovtwin.mapping.classes.angle import Angles, angles, limits
 from rovtwin.mapping.classes.areas import Sample, deviations, interval
 from rovtwin.mapping.classes.unmixing import Shares
+from rovtwin.runs.mapping.classification.refusals import MIXED_NAME, OUTSIDE_NAME
 from rovtwin.runs.mapping.classification.sources import Prepared
 
 NOT_SEEN, OUTSIDE = 255, 0  # values of cells without a number, and of those not of the library
-MIXED_NAME, OUTSIDE_NAME = "mixed", "not of this library"
 _AT_ONCE = 8e6  # bytes of values of the rows looked at together
 _KNOWN = 0.5  # share of the bands that a cell must know
 _SAMPLE = 2000  # cells of which errors of areas are drawn
@@ -123,7 +123,7 @@ class _Sums:
 
     def add(self, first: int, x: np.ndarray, known: np.ndarray, value: np.ndarray, shares: Shares, scale: np.ndarray):
         for k in range(len(self.total)):
-            cells = value == k + 1
+            cells = (value == k + 1) & np.isfinite(shares.brightness)
             self.total[k] += (x[cells] / shares.brightness[cells, None]).sum(axis=0, dtype=float)
             self.number[k] += known[cells].sum(axis=0)
             self.cells[k] += np.count_nonzero(cells)
@@ -206,6 +206,7 @@ def _named(
 
     A cell is of its nearest class where that is within the limit and what it is mostly made of. One that a mixture
     explains and no class does, or another than most of it, is mixed: sand beside maerl looks like mud by its angle.
+    Where no mixture is known, the angle alone names it.
     """
     classes, each = prepared.classes, np.arange(len(near.nearest))
     usual = limits(near.noise, prepared.common, classes.variability)
@@ -218,6 +219,8 @@ def _named(
     residual = np.where(np.isfinite(shares.residual), np.arcsin(np.clip(ratio, 0.0, 1.0)), np.pi)
     of_class, explained = near.value <= limit, residual <= limit
     most = np.argmax(np.nan_to_num(shares.value), axis=1)
+    without = np.isnan(shares.value).any(axis=1)  # fewer bands than classes: the angle alone names
+    most = np.where(without, near.nearest, most)
     value = np.where(of_class & (most == near.nearest), near.nearest + 1, OUTSIDE)
     value[(value == OUTSIDE) & (of_class | explained)] = len(classes.names) + 1
     return value.astype(np.uint8), limit, residual
@@ -230,6 +233,8 @@ def _areas(prepared: Prepared, layers: Layers, sample: Sample, rng: np.random.Ge
     explained = (value != NOT_SEEN) & (value != OUTSIDE)
     of_library = np.count_nonzero(explained) / total
     unmixed = np.array([np.nansum(layers.share[..., k][explained], dtype=float) for k in range(count)]) / total
+    by_angle = explained & np.isnan(layers.share).any(axis=-1)  # each all of its class
+    unmixed += np.bincount(value[by_angle], minlength=count + 2)[1 : count + 1] / total
     if len(sample.scale) < 2 or prepared.request.draws < 2:
         low, high = np.zeros(count), np.full(count, of_library)
     else:

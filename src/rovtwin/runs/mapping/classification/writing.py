@@ -1,5 +1,7 @@
 """Files of a classification but its page; the note comes last."""
 
+import csv
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +12,7 @@ import numpy as np
 from rovtwin._version import __version__
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
-from rovtwin.mapping.classes.accuracy import Confusion
+from rovtwin.mapping.classes.accuracy import FEW, Confusion
 from rovtwin.mapping.formats import envi, geotiff
 from rovtwin.mapping.formats.class_colours import MIXED, OUTSIDE, Colour, class_colours
 from rovtwin.runs.mapping.classification.judging import Checked, Truth
@@ -92,6 +94,10 @@ def _of_checks(checked: Checked) -> list[str]:
             f"fewer than 2 check points on {', '.join(checked.areas.few)} ({checked.areas.unknown:.1%} of the area): "
             "whatever lies there widens each interval by all of it"
         )
+    if checked.areas.rough:
+        words.append(
+            f"fewer than {FEW} check points on {', '.join(checked.areas.rough)}: their intervals are rough there"
+        )
     if checked.unseen:
         words.append(f"{checked.unseen} check points lie on cells without a class and are left out")
     return words
@@ -116,7 +122,7 @@ def areas_of(judged: Judged) -> list[dict[str, Any]]:
             at = true.index(name) if name in true else None
             row["checked_m2"] = 0.0 if at is None else total * areas.share[at]
             row["checked_low_m2"] = 0.0 if at is None else total * low[at]
-            row["checked_high_m2"] = total * (areas.unknown if at is None else high[at])
+            row["checked_high_m2"] = total * (areas.most_absent() if at is None else high[at])
         if judged.truth is not None:
             row["true_m2"] = total * judged.truth.share[k]
         rows.append({key: one if isinstance(one, str) else float(f"{one:.6g}") for key, one in row.items()})
@@ -133,7 +139,10 @@ def write_files(judged: Judged, folder: Path) -> Classification:
     prepared, total = found.prepared, found.total_m2
     _rasters(judged, folder)
     areas = areas_of(judged)
-    rows = [",".join(areas[0]), *(",".join(str(one) for one in row.values()) for row in areas)]
+    table = io.StringIO()
+    rows = csv.DictWriter(table, list(areas[0]), lineterminator="\n")
+    rows.writeheader()
+    rows.writerows(areas)
     figures: dict[str, Any] = {
         "classified_m2": total,
         "mixed_m2": total * found.areas.mixed,
@@ -159,9 +168,9 @@ def write_files(judged: Judged, folder: Path) -> Classification:
         areas_by = judged.checked.areas
         figures |= {"checked_accuracy": areas_by.overall, "checked_accuracy_sd": areas_by.overall_sd}
         note["checks"] = _confusion(judged.checked.confusion)
-    for name, text in (("areas.csv", "\n".join(rows)), (NOTE, json.dumps(note, indent=1))):
+    for name, text in (("areas.csv", table.getvalue()), (NOTE, json.dumps(note, indent=1) + "\n")):
         try:
-            write_text(folder / name, text + "\n")
+            write_text(folder / name, text)
         except OSError as error:
             raise write_error(folder / name, error) from error
     return Classification(folder, note)
