@@ -201,8 +201,10 @@ def test_one_sentence_says_what_to_do_next(opened):
 def test_a_page_has_lines_with_their_fixes_pictures_and_links(opened):
     page = opened("?name=c")
     page.get_by_role("heading", name="2 Dip").wait_for()
+    page.wait_for_function("getComputedStyle(document.querySelector('.commission-checks li')).display !== 'list-item'")
     lines = page.locator(".commission-checks li").all_inner_texts()
-    assert [line.split("\n")[0] for line in lines] == ["NO-GO", "warning", "ok"], "what stops it stands first"
+    verdicts = page.locator(".commission-checks li > b").all_inner_texts()
+    assert verdicts == ["NO-GO", "warning", "ok"], "what stops it stands first"
     box = page.locator(".commission-checks li").first.bounding_box()
     assert box["width"] > 300, "a no-go line has room for its words"
     assert "Turn its sign." in lines[0] and "Without it: no scale" in page.inner_text(".commission-page")
