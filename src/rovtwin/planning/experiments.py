@@ -204,7 +204,7 @@ def plan_tests(
 def _as_level_as_can_be(
     lay_out: Callable[[float], tuple[list[int], Scenario, Rehearsed]], tipping: float
 ) -> tuple[list[int], Scenario, Rehearsed, list[str]]:
-    """A plan that tilts less than asked for, else than usual, else as it may; and what is to be said of that."""
+    """A plan that tilts less than asked for, else than usual, else as it may; and the remark about it."""
     for limit in sorted({tipping, TIPPING}):
         try:
             order, scenario, whole = lay_out(limit)

@@ -15,7 +15,7 @@ from rovtwin.core.user_files.files import write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.planning.survey_imaging import Imaging, imaging_of
-from rovtwin.planning.survey_place import altitude_of, clearance_of, datum_from, depth_of, eye_of
+from rovtwin.planning.survey_place import altitude_of, clearance_of, datum_from, depth_of, eye_of, middle_of
 from rovtwin.planning.survey_request import SurveyRequest, refuse_doubles
 from rovtwin.planning.survey_scenario import scenario_of
 from rovtwin.report.plans.survey import SurveyPicture, draw_survey
@@ -124,11 +124,10 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     clearance = clearance_of(model, MARGIN * own["acceptance"]) if request.clearance is None else request.clearance
     if not clearance >= 0:
         raise ConfigError(f"clearance: found {clearance:g} m, expected 0 or more")
-    lever = np.zeros(2) if eye is None else np.asarray(eye.position[:2])
-    lever = imaging.footprint.middle if imaging else lever  # the lines are those of what it sees
+    lever = middle_of(request, eye, imaging)
     room = clearance + float(np.linalg.norm(lever))  # for what sees: its vehicle is beside it
     plan = _plan(request, area, swath, pace, room, own["acceptance"], progress)
-    moved = eye is not None and float(np.linalg.norm(lever)) >= UNNOTICED
+    moved = float(np.linalg.norm(lever)) >= UNNOTICED
     points = corners_of_co(plan.path, lever) if moved else plan.path.corners
     legs, turns = pace.times(plan.path.corners)
     # Down from the surface at the lines' speed.
@@ -138,8 +137,9 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
         request, base, name, plan, points, area.datum, depth, own["acceptance"], bool(cost.names), echoes
     )
     remarks = _remarks(plan, cost, clearance) + (imaging.remarks(speed, usual) if imaging else [])
-    if eye is not None and moved:
-        remarks.append(_moved(eye.name, lever, imaging is not None))
+    if moved:
+        named = None if request.middle is not None else eye
+        remarks.append(_moved(named.name if named else "the swath's middle", lever, bool(named and imaging)))
     around = area.shape if request.gaps is not None else None
     return Survey(request, scenario, plan, cost, clearance, depth, remarks, imaging, around)
 

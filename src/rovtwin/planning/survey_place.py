@@ -1,9 +1,11 @@
 """Where a survey is flown: depth and height of its lines, its datum, and the place of what sees."""
 
 import numpy as np
+from jaxtyping import Float
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.planning.survey_imaging import Imaging
 from rovtwin.planning.survey_request import SurveyRequest
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model, Vehicle
@@ -24,6 +26,15 @@ def eye_of(vehicle: Vehicle, name: str | None) -> Mounted | None:
         there = ", ".join(found) or "none"
         raise ConfigError(f"--sees {name}: {vehicle.name} has no such imager or camera; there are: {there}")
     return found[name]
+
+
+def middle_of(request: SurveyRequest, eye: Mounted | None, imaging: Imaging | None) -> Float[np.ndarray, "2"]:
+    """Middle of what is seen, ahead of the vehicle's origin and to the right of it [m]: the lines are its lines."""
+    if request.middle is not None:
+        return np.asarray(request.middle, float)
+    if imaging is not None:
+        return np.asarray(imaging.footprint.middle)
+    return np.zeros(2) if eye is None else np.asarray(eye.position[:2])
 
 
 def datum_from(text: str | None, base: Scenario) -> Datum | None:

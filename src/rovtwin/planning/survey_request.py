@@ -57,6 +57,7 @@ class SurveyRequest:
         inside: Whether the vehicle stays inside the outline.
         datum: Latitude and longitude of n [deg], "auto" for the area's middle, None for the scenario's.
         sees: Name of the imager or camera whose swath it is; None: the vehicle's first imager, else its origin.
+        middle: Of the swath, ahead of the vehicle's origin and to the right of it [m]; None: below what sees it.
         overrides: `key.path=value` texts that change the scenario, see `load_scenario`.
         mapping: The imager and what the map is to be like; None: only a swath is known.
         gaps: File or folder with what a map of this area lacks, or that as a shapely MultiPolygon in the plane of n:
@@ -79,6 +80,7 @@ class SurveyRequest:
     overrides: tuple[str, ...] = ()
     mapping: MapRequest | None = None
     gaps: Any = None
+    middle: tuple[float, float] | None = None
 
     def sets(self, *keys: str) -> str | None:
         """The first key among the overrides that is one of these, lies in one of them or holds one; None: none."""

@@ -1,7 +1,6 @@
 """What of a survey's area an eye has not seen: the share, outlines of the gaps, and lines over them. For a worker."""
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -15,7 +14,6 @@ from rovtwin.survey.library import shapely_library
 
 LEAST = 4  # cells of a gap that is worth a word, as in a map's gaps
 LISTED = 40  # gaps with outlines, the largest
-MIDDLE = "planned_swath.middle"  # a place on the vehicle that is there for the planner alone
 FINEST = 200  # cells along the longer side of the area, in which gaps are outlined
 
 Corners = tuple[tuple[float, float], ...]  # of an area: north, east [m]
@@ -99,22 +97,8 @@ def lines_over(
     asked = {"floor": floor, "gaps": shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])}
     if eye["imager"]:
         return rows_over(survey, vehicle, mapping=MapRequest(eye["imager"]), sees=eye["name"], **asked)
-    described = _with_middle(vehicle, eye["middle"])
-    return rows_over(survey, described, Swath(eye["width"]), sees=MIDDLE, **asked)
-
-
-def _with_middle(vehicle: str | dict[str, Any], middle: Sequence[float]) -> dict[str, Any]:
-    """A vehicle's description with MIDDLE as one more place that sees: the planner takes a swath to lie below that.
-
-    A camera's own place would do only if it looked straight down, and a sonar is nothing that the planner knows.
-    """
-    from rovtwin.vehicle import load_vehicle
-
-    described = load_vehicle(vehicle).to_dict() if isinstance(vehicle, str) else vehicle
-    part, _, sensor = MIDDLE.partition(".")
-    pose = {"position": [float(middle[0]), float(middle[1]), 0.0]}
-    seeing = {"name": part, "sensors": [{"name": sensor, "kind": "imager", "pose": pose}]}
-    return described | {"parts": [*described.get("parts", []), seeing]}
+    ahead, right = (float(x) for x in eye["middle"])
+    return rows_over(survey, vehicle, Swath(eye["width"]), middle=(ahead, right), **asked)
 
 
 @lru_cache(maxsize=8)

@@ -1,6 +1,10 @@
 """Colours of classes: those of seabed materials as people expect them, others from a list, none twice."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
 
 Colour = tuple[int, int, int]
 OUTSIDE, MIXED = (30, 30, 30), (214, 218, 222)  # what is not of the library, and mixtures
@@ -25,6 +29,23 @@ _OTHERS: tuple[Colour, ...] = (
     (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0), (240, 228, 66),
     (120, 94, 240), (170, 220, 170), (150, 30, 90), (60, 60, 160), (190, 150, 110),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ClassMap:
+    """A map of classes, one byte a cell.
+
+    Attributes:
+        value: Numbers of the classes.
+        names: Of them, from 0 on.
+        colours: Of them.
+        no_data: Of cells without a class.
+    """
+
+    value: UInt8[np.ndarray, "row column"]
+    names: Sequence[str]
+    colours: Sequence[Colour]
+    no_data: int
 
 
 def class_colours(names: Sequence[str]) -> list[Colour]:

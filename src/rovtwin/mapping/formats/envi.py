@@ -4,16 +4,17 @@ GDAL, QGIS, ENVI and SPy read them. Reference: L3Harris, ENVI Header Files: fiel
  `coordinate system string` is WKT as ESRI writes it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
 from rovtwin.mapping.cells.grid import Grid
+from rovtwin.mapping.formats.class_colours import ClassMap
 
 NO_DATA = -9999.0
 
@@ -44,40 +45,30 @@ def header(grid: Grid, wavelengths: Float[np.ndarray, " band"], fwhm: Float[np.n
     )
 
 
-def write_classes(
-    path: Path,
-    grid: Grid,
-    value: UInt8[np.ndarray, "row column"],
-    names: Sequence[str],
-    colours: Sequence[tuple[int, int, int]],
-    no_data: int,
-) -> Path:
-    """A map of classes, one byte a cell, with header.
+def write_classes(path: Path, grid: Grid, classes: ClassMap) -> Path:
+    """A map of classes with its header.
 
     Args:
         path: Of the numbers, by custom with the ending `.img`.
         grid: Where the cells lie.
-        value: Numbers of the classes.
-        names: Of them, from 0 on.
-        colours: Of them.
-        no_data: Of cells without a class.
+        classes: Of them.
 
     Raises:
         LogError: It cannot be written.
     """
-    lookup = ", ".join(str(part) for colour in colours for part in colour)
+    lookup = ", ".join(str(part) for colour in classes.colours for part in colour)
     fields = {
         "bands": 1,
         "file type": "ENVI Classification",
         "data type": 1,
         "interleave": "bsq",
-        "data ignore value": no_data,
-        "classes": len(names),
-        "class names": "{ " + ", ".join(name.replace(",", ";") for name in names) + " }",
+        "data ignore value": classes.no_data,
+        "classes": len(classes.names),
+        "class names": "{ " + ", ".join(name.replace(",", ";") for name in classes.names) + " }",
         "class lookup": "{ " + lookup + " }",
     }
     try:
-        value.tofile(path)
+        classes.value.tofile(path)
         write_text(path.with_suffix(".hdr"), _text(grid, fields))
     except OSError as error:
         raise write_error(path, error) from error

@@ -14,6 +14,7 @@ from jaxtyping import Float, UInt8
 from rovtwin.core.log.files import atomic, write_error
 from rovtwin.core.user_files.files import write_text
 from rovtwin.mapping.cells.grid import Grid
+from rovtwin.mapping.formats.class_colours import ClassMap
 from rovtwin.mapping.projection import rasterio
 
 _ROWS = 256
@@ -52,34 +53,24 @@ def write_layers(
     return _written(path, grid, len(layers), "float32", [(0, block)], {"nodata": np.nan, "predictor": 3}, named)
 
 
-def write_classes(
-    path: Path,
-    grid: Grid,
-    value: UInt8[np.ndarray, "row column"],
-    names: Sequence[str],
-    colours: Sequence[tuple[int, int, int]],
-    no_data: int,
-) -> Path:
-    """A map of classes, one byte a cell, with a table of colours; names lie beside it, as GDAL looks for them.
+def write_classes(path: Path, grid: Grid, classes: ClassMap) -> Path:
+    """A map of classes with a table of colours; names lie beside it, as GDAL looks for them.
 
     Args:
         path: Of the file; names and colours go to `path.aux.xml`, as category names and as attribute table.
         grid: Where the cells lie.
-        value: Numbers of the classes.
-        names: Of them, from 0 on.
-        colours: Of them.
-        no_data: Of cells without a class.
+        classes: Of them.
 
     Raises:
         LogError: It cannot be written.
     """
-    table = {k: (*colour, 255) for k, colour in enumerate(colours)}
-    profile = {"nodata": no_data, "overview_resampling": "mode"}
-    blocks = [(0, value[None])]
+    table = {k: (*colour, 255) for k, colour in enumerate(classes.colours)}
+    profile = {"nodata": classes.no_data, "overview_resampling": "mode"}
+    blocks = [(0, classes.value[None])]
     _written(path, grid, 1, "uint8", blocks, profile, lambda file: file.write_colormap(1, table))
     beside = path.with_name(f"{path.name}.aux.xml")
     try:
-        write_text(beside, _categories(names, colours))
+        write_text(beside, _categories(classes.names, classes.colours))
     except OSError as error:
         raise write_error(beside, error) from error
     return path

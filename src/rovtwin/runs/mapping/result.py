@@ -23,6 +23,24 @@ CUBE, NOTE, PAGE = "cube.img", "map.json", "report.html"
 _ROWS = 50  # of which it is taken how many cells know a band
 
 
+def read_note(path: Path, maker: str) -> dict[str, Any]:
+    """What stands in the note of a result.
+
+    Args:
+        path: Of the note.
+        maker: Command that makes such results.
+
+    Raises:
+        LogError: There is none, or it cannot be read.
+    """
+    try:
+        return json.loads(checked(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}. `{maker}` makes it") from None
+    except ValueError:
+        raise LogError(f"{path}: is no text that `{maker}` wrote; make it again") from None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mosaic(Result):
     """A mosaic of an imager's lines: a folder of files, and figures of it.
@@ -46,13 +64,7 @@ class Mosaic(Result):
         Raises:
             LogError: There is none.
         """
-        path = Path(folder) / NOTE
-        try:
-            return cls(Path(folder), json.loads(checked(path).read_text(encoding="utf-8")))
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read: {error.strerror or error}. `rovtwin map` makes mosaics") from None
-        except ValueError:
-            raise LogError(f"{path}: is no text of a mosaic; make it again") from None
+        return cls(Path(folder), read_note(Path(folder) / NOTE, "rovtwin map"))
 
     def __repr__(self) -> str:
         """One line, as a notebook shows it."""

@@ -86,8 +86,9 @@ def against_scene(found: Classified, scene: Scene) -> Truth:
                 share[:, row] += 0.25 * seen[:, k]
     true = [kinds[k] for k in share.argmax(axis=1)]
     mapped = [found.mapped[k] for k in value[rows, columns]]
-    outside = value[rows, columns] == OUTSIDE
-    estimated = np.where(outside[:, None], 0.0, np.nan_to_num(found.layers.share[rows, columns]))
+    outside, shares = value[rows, columns] == OUTSIDE, found.layers.share[rows, columns]
+    named = value[rows, columns][:, None] == np.arange(1, len(found.names) + 1)  # by angle alone where without shares
+    estimated = np.where(outside[:, None], 0.0, np.where(np.isnan(shares), named, shares))
     off = share - np.column_stack([estimated, outside])
     every = np.append(found.areas.unmixed, found.areas.outside)
     return Truth(counted(mapped, true, found.mapped), every + off.mean(axis=0), off.std(axis=0) / np.sqrt(len(rows)))

@@ -1,16 +1,14 @@
 """A classification as it lies in its folder."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin.core.errors import LogError
 from rovtwin.core.notebook import Result, axes_of
 from rovtwin.core.notebook.face import Row
-from rovtwin.core.user_files.files import checked
+from rovtwin.runs.mapping.result import read_note
 
 if TYPE_CHECKING:
     import pandas
@@ -42,14 +40,7 @@ class Classification(Result):
         Raises:
             LogError: There is none.
         """
-        path = Path(folder) / NOTE
-        try:
-            return cls(Path(folder), json.loads(checked(path).read_text(encoding="utf-8")))
-        except OSError as error:
-            words = f"{path}: cannot be read: {error.strerror or error}. `rovtwin map-classify` makes it"
-            raise LogError(words) from None
-        except ValueError:
-            raise LogError(f"{path}: is no text of a classification; make it again") from None
+        return cls(Path(folder), read_note(Path(folder) / NOTE, "rovtwin map-classify"))
 
     def __repr__(self) -> str:
         """One line, as a notebook shows it."""
@@ -61,7 +52,7 @@ class Classification(Result):
         )
 
     def figures_table(self) -> list[Row]:
-        """Area of each class with its interval, then what was not told.
+        """Area of each class with its interval, then what is of no class.
 
         Example:
             >>> rovtwin.map_classify("mosaic").figures_table()[0]  # doctest: +SKIP

@@ -14,7 +14,7 @@ from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import write_text
 from rovtwin.mapping.classes.accuracy import FEW, Confusion
 from rovtwin.mapping.formats import envi, geotiff
-from rovtwin.mapping.formats.class_colours import MIXED, OUTSIDE, Colour, class_colours
+from rovtwin.mapping.formats.class_colours import MIXED, OUTSIDE, ClassMap, Colour, class_colours
 from rovtwin.runs.mapping.classification.judging import Checked, Truth
 from rovtwin.runs.mapping.classification.result import NOTE, Classification
 from rovtwin.runs.mapping.classification.work import NOT_SEEN, Classified
@@ -190,9 +190,10 @@ def _confusion(confusion: Confusion) -> dict[str, Any]:
 
 def _rasters(judged: Judged, folder: Path) -> None:
     found = judged.found
-    layers, grid, names = found.layers, found.prepared.ground.grid, list(found.mapped)
-    geotiff.write_classes(folder / "classes.tif", grid, layers.value, names, judged.colours, NOT_SEEN)
-    envi.write_classes(folder / "classes.img", grid, layers.value, names, judged.colours, NOT_SEEN)
+    layers, grid = found.layers, found.prepared.ground.grid
+    classes = ClassMap(layers.value, found.mapped, judged.colours, NOT_SEEN)
+    geotiff.write_classes(folder / "classes.tif", grid, classes)
+    envi.write_classes(folder / "classes.img", grid, classes)
     shares = {name: (layers.share[..., k], "1") for k, name in enumerate(found.names)}
     shares |= {f"{name} sd": (layers.sd[..., k], "1") for k, name in enumerate(found.names)}
     shares["brightness"] = (layers.brightness, "1")
