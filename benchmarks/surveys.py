@@ -1,7 +1,7 @@
 """How far off a survey's track and mosaic are, and whether what is stated of them is true: over many seeds.
 
-python benchmarks/surveys.py --aid dvl --seeds 1-20 -o build/surveys
-python benchmarks/surveys.py --aid positions --seeds 1-20 -o build/surveys
+python -m benchmarks.surveys --aid dvl --seeds 1-20 -o build/surveys
+python -m benchmarks.surveys --aid positions --seeds 1-20 -o build/surveys
 
 Each seed is a flight of 10 x 6 m by `double_blueye`, 1.5 m over hills, with a position of 0.5 m once a second, and a
 Doppler log or not. Its log is smoothed three times: as it is (the twin's compass and log are exact), with the compass
@@ -9,13 +9,14 @@ Doppler log or not. Its log is smoothed three times: as it is (the twin's compas
 the mosaic are placed: by the smoothed track, registered by one tie a metre of 1 cm with and without a tenth of false
 ones, with four known points of 5 mm, and with a boresight of 1 deg that nobody stated. Floor and mount are known else.
 
-A row for each is added to `AID.jsonl`; rows that are there are not made again. The table is printed at the end.
+A row for each is added to `AID.jsonl`, with the version of the code; rows that are there are not made again. The table
+is printed at the end, and says so where its rows are of several versions.
 Two minutes of processor time a seed.
 """
 
 import argparse
 import json
-import sys
+import subprocess
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,30 +25,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from tests.imaging.helper import DOWN, imager
+from tests.mapping.overlaps import Strip, ideal_ties, known_points, with_false
+from tests.mapping.surveys import EXACT, LEVER, Hills
 
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
-
-from tests.imaging.helper import DOWN, imager  # noqa: E402  (the path above comes first)
-from tests.mapping.overlaps import Strip, ideal_ties, known_points, with_false  # noqa: E402
-from tests.mapping.surveys import EXACT, LEVER, Hills  # noqa: E402
-
-from rovtwin.api import load_scenario  # noqa: E402
-from rovtwin.core.log import Log  # noqa: E402
-from rovtwin.gnc.navigation.constants import USUAL_STD  # noqa: E402
-from rovtwin.imaging.imager import Mount  # noqa: E402
-from rovtwin.mapping.alignment.calibration import calibration_findings  # noqa: E402
-from rovtwin.mapping.alignment.ground_points import ground_points  # noqa: E402
-from rovtwin.mapping.alignment.joint import JointErrors  # noqa: E402
-from rovtwin.mapping.alignment.registration import register  # noqa: E402
-from rovtwin.mapping.alignment.strips import straight_runs  # noqa: E402
-from rovtwin.mapping.alignment.ties import observe  # noqa: E402
-from rovtwin.mapping.alignment.uncertainty import point_uncertainty  # noqa: E402
-from rovtwin.mapping.georeference import Georeference  # noqa: E402
-from rovtwin.mapping.navigation import Navigation  # noqa: E402
-from rovtwin.runs.fly import fly  # noqa: E402
-from rovtwin.runs.smooth import SmoothedRun, smooth_run  # noqa: E402
+from rovtwin.api import load_scenario
+from rovtwin.core.log import Log
+from rovtwin.gnc.navigation.constants import USUAL_STD
+from rovtwin.imaging.imager import Mount
+from rovtwin.mapping.alignment.calibration import calibration_findings
+from rovtwin.mapping.alignment.ground_points import ground_points
+from rovtwin.mapping.alignment.joint import JointErrors
+from rovtwin.mapping.alignment.registration import register
+from rovtwin.mapping.alignment.strips import straight_runs
+from rovtwin.mapping.alignment.ties import observe
+from rovtwin.mapping.alignment.uncertainty import point_uncertainty
+from rovtwin.mapping.georeference import Georeference
+from rovtwin.mapping.navigation import Navigation
+from rovtwin.runs.fly import fly
+from rovtwin.runs.smooth import SmoothedRun, smooth_run
 
 LENGTH, APART, LINES, SPEED = 10.3, 1.07, 5, 0.2
 SETTLED = 15.0  # [s]
@@ -208,8 +204,16 @@ def rows_of(aid: str, seed: int, folder: Path) -> Iterator[dict[str, Any]]:
                 yield {"sensors": f"{what}; boresight off"} | row
 
 
+def version_of_code() -> str:
+    """The commit; "" outside a repository."""
+    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+
+
 def show(rows: list[dict[str, Any]]) -> None:
-    """Means over seeds: rms in mm, NEES, NIS."""
+    """Means over seeds: rms in mm, NEES, NIS; and the ranges of single seeds."""
+    if len(versions := sorted({row.get("code", "") for row in rows})) > 1:
+        print(f"rows are of several versions of the code: {', '.join(one or 'unknown' for one in versions)}")
     groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         groups[row["sensors"], row["how"]].append(row)
@@ -225,6 +229,13 @@ def show(rows: list[dict[str, Any]]) -> None:
             f"{sensors + ': ' + how:50s} {len(some):3d} {size[0]} {size[1]} {mean('nees')} {size[2]} {size[3]} "
             f"{mean('nees_within')} {mean('nis')} {mean('missed')}"
         )
+        ranges = {name: [row[name] for row in some if name in row] for name in ("nees", "within")}
+        texts = (
+            f"{name} {scale * min(values):.2g} to {scale * max(values):.2g}"
+            for (name, values), scale in zip(ranges.items(), (1.0, 1e3), strict=True)
+            if values
+        )
+        print(f"    single seeds: {', '.join(texts)}")
         _show_boresight([row["boresight"] for row in some if "boresight" in row])
 
 
@@ -250,10 +261,11 @@ def main() -> None:
     path: Path = arguments.out / f"{arguments.aid}.jsonl"
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    code = version_of_code()
     for seed in range(int(first), int(last or first) + 1):
         if any(row["seed"] == seed for row in rows):
             continue
-        new = [{"seed": seed} | row for row in rows_of(arguments.aid, seed, arguments.out)]
+        new = [{"seed": seed, "code": code} | row for row in rows_of(arguments.aid, seed, arguments.out)]
         rows += new
         with path.open("a", encoding="utf-8") as file:
             file.writelines(json.dumps(row) + "\n" for row in new)
