@@ -91,7 +91,8 @@ def against_scene(found: Classified, scene: Scene) -> Truth:
     estimated = np.where(outside[:, None], 0.0, np.where(np.isnan(shares), named, shares))
     off = share - np.column_stack([estimated, outside])
     every = np.append(found.areas.unmixed, found.areas.outside)
-    return Truth(counted(mapped, true, found.mapped), every + off.mean(axis=0), off.std(axis=0) / np.sqrt(len(rows)))
+    share = np.maximum(every + off.mean(axis=0), 0.0)  # the difference of some may be larger than a small area
+    return Truth(counted(mapped, true, found.mapped), share, off.std(axis=0) / np.sqrt(len(rows)))
 
 
 def by_points(found: Classified, path: Path) -> Checked:
