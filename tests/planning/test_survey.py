@@ -206,3 +206,12 @@ def test_lines_are_those_of_the_imager(pool, tmp_path):
     assert any("eye.slit, which sits 0 m ahead and 0.2 m to the right" in remark for remark in survey.remarks)
     with pytest.raises(ConfigError, match="no such imager or camera; there are: .*uhi.camera, eye.slit"):
         lay_out(SurveyRequest(POOL, Swath(1.6), vehicle=str(mine), sees="eye.slot"))
+
+
+def test_lines_are_those_of_a_swath_beside_the_vehicle():
+    """A swath 0.3 m to starboard that is no instrument's own, as the console knows one."""
+    survey = lay_out(SurveyRequest(POOL, Swath(1.6), 0.0, inside=True, middle=(0.0, 0.3)))
+    places = np.array([waypoint.position[:2] for waypoint in survey.scenario.waypoints])
+    away = np.linalg.norm(places - survey.plan.path.corners, axis=1)
+    assert np.median(away) == pytest.approx(0.3, abs=2e-3)
+    assert any("the swath's middle, which sits 0 m ahead and 0.3 m to the right" in text for text in survey.remarks)
