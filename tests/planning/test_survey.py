@@ -137,6 +137,12 @@ def test_what_is_set_changes_the_scenario(tmp_path):
     assert written.waypoints[0].speed == 0.32  # minerva's own
 
 
+def test_a_floor_may_have_a_relief_that_is_set():
+    relief = "world.relief={hills: {height: 0.3, length: 6.0, seed: 7}}"
+    survey = lay_out(SurveyRequest(POOL, Swath(1.6), 0.0, floor=6.0, overrides=(relief,)))
+    assert survey.scenario.world.floor == 6.0 and survey.scenario.world.relief.hills.height == 0.3
+
+
 BAD = {
     "no file": (("--area", "none.geojson"), "none.geojson: no such file"),
     "overlap": (("--overlap", "1"), "overlap: found 1"),

@@ -103,7 +103,7 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
         ConfigError: Area, vehicle or numbers that cannot be used, or a way longer than a mission may be.
     """
     refuse_doubles(request)
-    base = load_scenario(request.scenario, request.overrides)
+    base = load_scenario(request.scenario, request.settings)
     area = read_area(request.area, datum_from(request.datum, base))
     name = request.vehicle or base.vehicle
     if not isinstance(name, str):

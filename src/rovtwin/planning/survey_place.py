@@ -66,7 +66,7 @@ def depth_of(request: SurveyRequest, base: Scenario, model: Model, echoes: bool)
     Raises:
         ConfigError: Depth and altitude contradict each other, or lead into the floor or too deep.
     """
-    floor = base.world.floor if request.floor is None else request.floor
+    floor = base.world.floor
     if request.altitude is not None and request.depth is not None and echoes:
         depth = request.depth  # safe where the altimeter says nothing
     elif request.altitude is not None:
@@ -94,5 +94,5 @@ def altitude_of(request: SurveyRequest, base: Scenario, depth: float) -> tuple[f
     """Of the vehicle's origin over the floor [m], None where nobody has said how deep that is; whether it was given."""
     if request.altitude is not None:
         return request.altitude, True
-    floor = base.world.floor if request.floor is None else request.floor
+    floor = base.world.floor
     return (None if floor is None else floor - depth), False

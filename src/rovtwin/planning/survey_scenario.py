@@ -84,6 +84,4 @@ def scenario_of(
     data.setdefault("autopilot", "model_based")
     if battery and not request.sets("battery"):
         data.setdefault("battery", True)
-    if request.floor is not None:
-        data["world"] = data.get("world", {}) | {"floor": request.floor}
     return parse(Scenario, data, data["name"])
