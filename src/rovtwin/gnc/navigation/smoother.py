@@ -118,7 +118,9 @@ def smooth(
     names = tuple(one.name for one in constants)
     links = dt * at, place[at], q[at], back.gains, back.covariances[at], _POSE
     keys = KeyFrames(*links, names, _POSE @ V[at], steps, value, S, bent)
-    return _track(dt * np.arange(n), found, states, back.covariances + V @ S @ V.transpose(0, 2, 1), keys)
+    for piece in _pieces(n, dt):
+        back.covariances[piece] += V[piece] @ S @ V[piece].transpose(0, 2, 1)
+    return _track(dt * np.arange(n), found, states, back.covariances, keys)
 
 
 def _track(
@@ -161,13 +163,20 @@ def _in_chunks(
     whole: bool,
 ) -> tuple[NavigationMemory, list[np.ndarray]]:
     """The filter's memory at the end, and what `_forwards` keeps of all ticks."""
-    memory, parts = filter.init(jax.random.key(0), start), []
-    chunk = round(SECONDS_AT_ONCE / dt)
-    for begin in range(0, len(commands), chunk):
-        some = jax.tree.map(lambda leaf, b=begin: jnp.asarray(leaf[b : b + chunk]), (slots, commands))
+    memory, kept, n = filter.init(jax.random.key(0), start), [], len(commands)
+    for at in _pieces(n, dt):
+        some = jax.tree.map(lambda leaf, at=at: jnp.asarray(leaf[at]), (slots, commands))
         memory, out = _forwards(filter, memory, *some, dt, whole)
-        parts.append(jax.device_get(out))
-    return memory, [np.concatenate(part) for part in zip(*parts, strict=True)]
+        kept = kept or [np.empty((n, *leaf.shape[1:]), leaf.dtype) for leaf in out]  # filled in place: it is large
+        for all_of_it, leaf in zip(kept, out, strict=True):
+            all_of_it[at] = leaf
+    return memory, kept
+
+
+def _pieces(n: int, dt: float) -> list[slice]:
+    """Ticks of SECONDS_AT_ONCE each."""
+    chunk = round(SECONDS_AT_ONCE / dt)
+    return [slice(begin, begin + chunk) for begin in range(0, n, chunk)]
 
 
 def _responses(
@@ -240,11 +249,14 @@ def _run_backwards(
     deltas: tuple[Float[np.ndarray, "n+1 31 steps"], Float[np.ndarray, "n 31 steps"]],
     at: Int[np.ndarray, " k"],
 ) -> _Backwards:
-    """Through the gains, with products of them between key frames, ticks `at`, the last among them."""
-    states, covariances = np.empty_like(found.x), np.empty_like(found.P)
+    """Through the gains, with products of them between key frames, ticks `at`, the last among them.
+
+    Covariances take the place of `found.P`, which are used up: an hour has gigabytes of them.
+    """
+    states, covariance = np.empty_like(found.x), found.P_n
     before, after = deltas
     moved, gains, product = np.empty_like(after), [], np.eye(ERRORS)
-    states[-1], covariances[-1], moved[-1] = found.x_n, found.P_n, before[-1]
+    states[-1], moved[-1] = found.x_n, before[-1]
     keys = set(at.tolist())
     for k in range(len(states) - 1, 0, -1):
         Phi = np.eye(ERRORS)
@@ -255,10 +267,12 @@ def _run_backwards(
         factor = cho_factor(found.P_after[k] * s[:, None] * s + 1e-12 * np.eye(ERRORS), check_finite=False)
         G = (s[:, None] * cho_solve(factor, s[:, None] * (Phi @ found.P[k]), check_finite=False)).T
         states[k - 1] = sum_of(found.x[k], G @ difference(states[k], found.x_after[k]))
-        covariances[k - 1] = found.P[k] + G @ (covariances[k] - found.P_after[k]) @ G.T
+        earlier = found.P[k] + G @ (covariance - found.P_after[k]) @ G.T
+        found.P[k], covariance = covariance, earlier
         moved[k - 1] = before[k] + G @ (moved[k] - after[k])
         product = G @ product
         if k - 1 in keys:
             gains.append(product)
             product = np.eye(ERRORS)
-    return _Backwards(states, covariances, moved, np.array(gains[::-1]).reshape(-1, ERRORS, ERRORS))
+    found.P[0] = covariance
+    return _Backwards(states, found.P, moved, np.array(gains[::-1]).reshape(-1, ERRORS, ERRORS))
