@@ -7,12 +7,14 @@ roll), stored as `[phi, theta, psi]`. All functions take and return JAX arrays o
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
 """
 
+import numpy as np
 from jaxtyping import Float
 
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, jax, jnp, traced_once
 from rovtwin.core.types import Matrix3, Quaternion, Scalar, Vector2, Vector3
 
 
+@traced_once
 def skew(a: Vector3) -> Matrix3:
     """Skew-symmetric S(a), with S(a) b = a x b. Fossen (2021), eq. 2.10."""
     x, y, z = a[0], a[1], a[2]
@@ -20,6 +22,7 @@ def skew(a: Vector3) -> Matrix3:
     return jnp.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
 
 
+@traced_once
 def cross(a: Vector3, b: Vector3) -> Vector3:
     """Cross product a x b of two (3,) vectors; faster to compile and run than jnp.cross."""
     return jnp.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
@@ -30,6 +33,7 @@ def wrap(angle: Float[Array, " *axes"]) -> Float[Array, " *axes"]:
     return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
 
 
+@traced_once
 def rotation_from_quaternion(q: Quaternion) -> Matrix3:
     """R_nb of a unit quaternion. Fossen (2021), eq. 2.73."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -65,6 +69,7 @@ def rotation_from_vector(rotation: Vector3) -> Matrix3:
     return jnp.eye(3) + a * S + b * (S @ S)
 
 
+@traced_once
 def heading_rotation(heading: Scalar) -> Float[Array, "2 2"]:
     """From ahead and starboard to north and east, level, of a heading [rad]."""
     c, s = jnp.cos(heading), jnp.sin(heading)
@@ -86,6 +91,7 @@ def euler_rate_matrix(euler: Vector3) -> Matrix3:
     return jnp.array([[one, sf * tt, cf * tt], [zero, cf, -sf], [zero, sf / ct, cf / ct]])
 
 
+@traced_once
 def quaternion_multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a b: the rotation b first, then a."""
     aw, ax, ay, az = a[0], a[1], a[2], a[3]
@@ -115,6 +121,7 @@ def quaternion_normalise(q: Quaternion) -> Quaternion:
     return q / jnp.sqrt(jnp.sum(q * q))
 
 
+@traced_once
 def quaternion_exp(rotation: Vector3) -> Quaternion:
     """Unit quaternion of a rotation vector [rad]; smooth at zero. Sola (2017), sec. 2.4."""
     square = rotation @ rotation
@@ -144,6 +151,7 @@ def rotation_error(desired: Quaternion, q: Quaternion) -> Vector3:
     return _rotation_vector(q[0] * desired[0] + u @ v, q[0] * v - desired[0] * u - cross(u, v))
 
 
+@traced_once
 def _rotation_vector(real: Scalar, vector: Vector3) -> Vector3:
     """Of the real part and the vector of a unit quaternion."""
     vector, real = jnp.where(real < 0.0, -vector, vector), jnp.abs(real)
@@ -155,6 +163,7 @@ def _rotation_vector(real: Scalar, vector: Vector3) -> Vector3:
     return jnp.where(near, 2.0 + square / 3.0, angle / sine) * vector
 
 
+@traced_once
 def heading_of(q: Float[Array, "*axes 4"]) -> Float[Array, "*axes"]:
     """Heading of attitudes [rad]: of the turn about the vertical that is nearest.
 
@@ -200,6 +209,7 @@ def rotation_between(a: Quaternion, b: Quaternion) -> Vector3:
     return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
 
 
+@traced_once
 def quaternion_from_euler(euler: Vector3) -> Quaternion:
     """Unit quaternion of zyx Euler angles [phi, theta, psi] [rad]."""
     (cf, ct, cp), (sf, st, sp) = jnp.cos(euler / 2), jnp.sin(euler / 2)
@@ -249,8 +259,8 @@ def rotate_to_body(q: Quaternion, vector_n: Vector3) -> Vector3:
     return rotation_from_quaternion(q).T @ vector_n
 
 
-_NED_ENU = jnp.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_FRD_FLU = jnp.array([1.0, -1.0, -1.0])
+_NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_FRD_FLU = np.array([1.0, -1.0, -1.0])
 
 
 def readings_in_body(value: Float[Array, "m 3"], kind: str, rotation: Matrix3) -> Float[Array, "m 3"]:
@@ -269,22 +279,22 @@ def readings_in_body(value: Float[Array, "m 3"], kind: str, rotation: Matrix3) -
 
 def ned_to_enu(vector: Vector3) -> Vector3:
     """North-east-down (3,) to east-north-up (3,)."""
-    return _NED_ENU @ vector
+    return jnp.asarray(_NED_ENU) @ vector
 
 
 def enu_to_ned(vector: Vector3) -> Vector3:
     """East-north-up (3,) to north-east-down (3,)."""
-    return _NED_ENU @ vector
+    return jnp.asarray(_NED_ENU) @ vector
 
 
 def frd_to_flu(vector: Vector3) -> Vector3:
     """Forward-right-down (3,) to forward-left-up (3,)."""
-    return _FRD_FLU * vector
+    return jnp.asarray(_FRD_FLU) * vector
 
 
 def flu_to_frd(vector: Vector3) -> Vector3:
     """Forward-left-up (3,) to forward-right-down (3,)."""
-    return _FRD_FLU * vector
+    return jnp.asarray(_FRD_FLU) * vector
 
 
 def attitude_ned_frd_to_enu_flu(q: Quaternion) -> Quaternion:

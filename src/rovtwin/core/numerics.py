@@ -5,8 +5,9 @@ Import `jnp` and `Array` from here, never configure JAX elsewhere: XLA reads its
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar, cast
 
 
 def _add_flag(prefix: str, option: str, value: str) -> None:
@@ -41,6 +42,9 @@ from rovtwin.core.processes.quiet import Quiet  # noqa: E402
 
 Array = jax.Array
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 def cache_folder() -> Path:
     """Where compiled programs are kept: `$ROVTWIN_CACHE`, else the user's cache folder."""
@@ -65,6 +69,15 @@ def _listen(quiet: Quiet) -> None:
 _listen(Quiet())
 
 
+def traced_once(function: Callable[P, T]) -> Callable[P, T]:
+    """`jax.jit` of a function that is called many times in one program: traced once for arguments of one form.
+
+    XLA puts its operations where it is called, so that the program is the same and only quicker to make: a tick of the
+    autopilot has 140 cross products.
+    """
+    return cast(Callable[P, T], jax.jit(function))
+
+
 def module_for(*values: Any) -> Any:
     """NumPy; jax.numpy where a value is under a trace (a gradient, a batch).
 
@@ -72,6 +85,11 @@ def module_for(*values: Any) -> Any:
     its own, which takes 20 ms to compile. The results go through `as_array`.
     """
     return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values)) else np
+
+
+def in_numpy(tree: T) -> T:
+    """The same with NumPy's arrays for JAX's, as `module_for` counts on; as it is where one is under a trace."""
+    return tree if module_for(tree) is jnp else jax.tree.map(np.asarray, tree)
 
 
 def as_array(value: object, dtype: Any = float) -> Array:
@@ -87,13 +105,17 @@ OPTIMISATION = "xla_backend_optimization_level"
 def unoptimised() -> dict[str, bool | int | float | str] | None:
     """`compiler_options` of `jax.jit` for a program that runs once, or for seconds: to optimise it takes longer.
 
-    None on an accelerator, and where the user sets the level. Fusions by way of MLIR take a tenth of the time of such a
-    compilation (a flight's first second: 25.4 and 22.6 s of processor time) and make it no faster: jax 0.10 can leave
-    them out.
+    None on an accelerator, and where the user sets the level. Left out besides: which pointers cannot alias, of use to
+    optimisation alone (a fifth of the time of such a compilation), and with jax 0.10 fusions by way of MLIR (a tenth),
+    which make it no faster.
     """
     if jax.default_backend() != "cpu" or OPTIMISATION in os.environ.get("XLA_FLAGS", ""):
         return None
-    options: dict[str, bool | int | float | str] = {OPTIMISATION: 0}
+    options: dict[str, bool | int | float | str] = {
+        OPTIMISATION: 0,
+        "xla_llvm_enable_alias_scope_metadata": False,
+        "xla_llvm_enable_noalias_metadata": False,
+    }
     if jax.__version_info__ < (0, 11):
         options["xla_cpu_use_fusion_emitters"] = False
     return options
@@ -104,9 +126,11 @@ __all__ = [
     "Tracer",
     "as_array",
     "cache_folder",
+    "in_numpy",
     "jax",
     "jnp",
     "module_for",
     "set_xla_metadata",
+    "traced_once",
     "unoptimised",
 ]

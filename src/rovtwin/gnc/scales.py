@@ -75,7 +75,7 @@ class VehicleScales:
         length = size(model)
         lower, upper = axis_limits(model)
         net = np.zeros(6)
-        net[HEAVE] = float(model.weight - model.buoyancy)
+        net[HEAVE] = float(model.weight) - float(model.buoyancy)
         force = np.where(upper > lower, np.maximum(np.minimum(upper + net, -lower - net), 0.0), 0.0)
         acceleration = force / np.diagonal(np.asarray(model.inertia))
         bandwidth = _bandwidth(acceleration, length, _lag(model))
@@ -149,7 +149,7 @@ def straight(model: Model) -> Float[np.ndarray, "6"]:
     Munk's moment on a body that is turned by a small angle from its motion at speed U is the difference of its two
     added masses times U^2 and the angle (Fossen 2021, sec. 6.3.3). Thrusters' lag is what limits the bandwidth.
     """
-    _, upper = wrench_limits(model.thrusters)
+    upper = np.asarray(wrench_limits(model.thrusters)[1])
     ahead, aside = (steady_speed(model, axis, float(upper[axis])) for axis in range(2))
     ahead, aside = (speed if np.isfinite(speed) else 0.0 for speed in (ahead, aside))
     added = np.diagonal(np.asarray(model.added_mass))

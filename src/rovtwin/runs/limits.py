@@ -45,7 +45,7 @@ class Limits:
         """Of a model with sound thrusters."""
         low, high = axis_limits(model)
         net = np.zeros(6)
-        net[2] = float(model.weight - model.buoyancy)
+        net[2] = float(model.weight) - float(model.buoyancy)
         force = np.maximum(np.stack([-(low + net), high + net], axis=1), 0.0)
         force[low >= high] = 0.0
         top = [[steady_speed(model, i, -float(a)), steady_speed(model, i, float(b))] for i, (a, b) in enumerate(force)]

@@ -27,7 +27,7 @@ def with_vehicle_defaults(section: AutopilotSection, model: Model) -> AutopilotS
         "dive_speed": scales.dive_speed or None,
         "turn_rate_deg": math.degrees(scales.turn_rate) or None,
     }
-    guidance = {"lookahead": float(course.cruise / course.gain) or None}
+    guidance = {"lookahead": float(course.cruise) / float(course.gain) or None}
     own = {"control": control, "guidance": guidance, "navigation": disturbance_levels(model)}
     return section.model_copy(
         update={

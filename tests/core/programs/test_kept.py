@@ -26,7 +26,7 @@ from rovtwin.runs.loop import Loop
 from rovtwin.simulation.environment.current import ConstantCurrent
 from rovtwin.vehicle.physics.actuation import wrench_limits
 
-product = small_matrices.product
+summed_product = small_matrices.summed_product
 ROWS = ("limit", "after", "action", "fence", "allowance", "nearer", "step")
 MATRIX = jnp.arange(9.0).reshape(3, 3)
 
@@ -60,7 +60,7 @@ def digest(*given):
     return description.digest()
 
 
-def fresh(name="product"):
+def fresh(name="summed_product"):
     """The same function as another process has it: no program of it is known yet."""
     jax.clear_caches()
     return jit_once(getattr(small_matrices, name))
@@ -68,7 +68,7 @@ def fresh(name="product"):
 
 def test_a_program_that_was_kept_is_taken_without_a_trace(folder, traces):
     first = fresh()(MATRIX, MATRIX)
-    assert len(traces) == 1 and [file.name.split("-")[0] for file in folder.iterdir()] == ["product"]
+    assert len(traces) == 1 and [file.name.split("-")[0] for file in folder.iterdir()] == ["summed_product"]
     again = fresh()(MATRIX, MATRIX)
     assert len(traces) == 1
     np.testing.assert_array_equal(again, first)
@@ -88,33 +88,35 @@ def test_a_program_read_from_the_cache_of_jax_is_kept_whole(folder, traces):
 
 def test_other_shapes_types_and_static_arguments_are_other_programs():
     keys = [
-        kept.key_of(product, (MATRIX, MATRIX)),
-        kept.key_of(product, (MATRIX[:2], MATRIX)),
-        kept.key_of(product, (MATRIX.astype(jnp.float32), MATRIX)),
-        kept.key_of(product, ((MATRIX, MATRIX),)),
-        kept.key_of(product, ({"a": MATRIX}, MATRIX)),
-        kept.key_of(product, ({"b": MATRIX}, MATRIX)),
-        kept.key_of(product, (1.0, MATRIX)),
-        kept.key_of(product, (1, MATRIX)),
-        kept.key_of(product, (MATRIX, MATRIX), {"dt": 0.02}),
-        kept.key_of(product, (MATRIX, MATRIX), {"dt": np.nextafter(0.02, 1.0)}),
-        kept.key_of(product, (MATRIX, MATRIX), {"dt": 1}),
-        kept.key_of(product, (MATRIX, MATRIX), {"dt": True}),
-        kept.key_of(product, (MATRIX, MATRIX), {"dt": "1"}),
+        kept.key_of(summed_product, (MATRIX, MATRIX)),
+        kept.key_of(summed_product, (MATRIX[:2], MATRIX)),
+        kept.key_of(summed_product, (MATRIX.astype(jnp.float32), MATRIX)),
+        kept.key_of(summed_product, ((MATRIX, MATRIX),)),
+        kept.key_of(summed_product, ({"a": MATRIX}, MATRIX)),
+        kept.key_of(summed_product, ({"b": MATRIX}, MATRIX)),
+        kept.key_of(summed_product, (1.0, MATRIX)),
+        kept.key_of(summed_product, (1, MATRIX)),
+        kept.key_of(summed_product, (MATRIX, MATRIX), {"dt": 0.02}),
+        kept.key_of(summed_product, (MATRIX, MATRIX), {"dt": np.nextafter(0.02, 1.0)}),
+        kept.key_of(summed_product, (MATRIX, MATRIX), {"dt": 1}),
+        kept.key_of(summed_product, (MATRIX, MATRIX), {"dt": True}),
+        kept.key_of(summed_product, (MATRIX, MATRIX), {"dt": "1"}),
         kept.key_of(wrench_limits, (MATRIX, MATRIX)),
     ]
     assert None not in keys and len(set(keys)) == len(keys)
-    assert kept.key_of(product, (MATRIX + 1.0, MATRIX)) == keys[0]  # values do not belong to a program
+    assert kept.key_of(summed_product, (MATRIX + 1.0, MATRIX)) == keys[0]  # values do not belong to a program
 
 
 def test_static_fields_belong_to_the_key_and_values_do_not():
     one = ConstantCurrent(as_array([0.1, 0.0, 0.0]))
-    assert kept.key_of(product, (one,)) == kept.key_of(product, (ConstantCurrent(as_array([0.2, 0.0, 0.0])),))
+    assert kept.key_of(summed_product, (one,)) == kept.key_of(
+        summed_product, (ConstantCurrent(as_array([0.2, 0.0, 0.0])),)
+    )
     assert digest(Loop) != digest(Start)
     other = eqx.tree_at(lambda current: current.velocity, one, None)
-    assert kept.key_of(product, (other,)) not in (kept.key_of(product, (one,)), None)
+    assert kept.key_of(summed_product, (other,)) not in (kept.key_of(summed_product, (one,)), None)
     rows = [Rules(**dict.fromkeys(ROWS, as_array(1.0)), sensors=sensors) for sensors in (("dvl",), ("gyro",))]
-    assert len({kept.key_of(product, (row,)) for row in rows} - {None}) == 2
+    assert len({kept.key_of(summed_product, (row,)) for row in rows} - {None}) == 2
 
 
 @pytest.mark.parametrize(
@@ -123,18 +125,18 @@ def test_static_fields_belong_to_the_key_and_values_do_not():
 )
 def test_code_and_constants_that_changed_in_this_process_are_another_key(change, monkeypatch):
     """As if a file had been edited, or a constant set from outside."""
-    function = types.FunctionType(product.__code__, small_matrices.__dict__, "product")
+    function = types.FunctionType(summed_product.__code__, small_matrices.__dict__, "summed_product")
     monkeypatch.setattr(small_matrices, "EXAMPLE", {"a": [1, 2.0]}, raising=False)
     monkeypatch.setattr(small_matrices, "TABLE", np.arange(3.0), raising=False)
     monkeypatch.setattr(small_matrices, "borrowed", ConstantCurrent, raising=False)
-    before = kept.key_of(product, (MATRIX, MATRIX))
-    assert before is not None and before == kept.key_of(product, (MATRIX, MATRIX))
+    before = kept.key_of(summed_product, (MATRIX, MATRIX))
+    assert before is not None and before == kept.key_of(summed_product, (MATRIX, MATRIX))
     match change:
         case "code":
             other = compile("def f(A, B):\n    return A + B\n", "x", "exec").co_consts[0]
-            monkeypatch.setattr(product, "__code__", other)
+            monkeypatch.setattr(summed_product, "__code__", other)
         case "default":
-            monkeypatch.setattr(product, "__defaults__", (1,))
+            monkeypatch.setattr(summed_product, "__defaults__", (1,))
         case "constant":
             monkeypatch.setattr(small_matrices, "EXAMPLE", 3)
         case "dictionary":
@@ -146,14 +148,14 @@ def test_code_and_constants_that_changed_in_this_process_are_another_key(change,
         case "another module":
             monkeypatch.setattr("rovtwin.simulation.environment.current.jnp", np)
         case "wrapped":
-            monkeypatch.setattr(small_matrices, "product", jax.jit(function))
-    assert kept.key_of(product, (MATRIX, MATRIX)) != before
+            monkeypatch.setattr(small_matrices, "summed_product", jax.jit(function))
+    assert kept.key_of(summed_product, (MATRIX, MATRIX)) != before
 
 
 def test_versions_flags_processor_and_settings_belong_to_the_key(monkeypatch):
     def key():
         kept._surroundings.cache_clear()
-        return kept.key_of(product, (MATRIX, MATRIX))
+        return kept.key_of(summed_product, (MATRIX, MATRIX))
 
     keys = [key()]
     with jax.default_matmul_precision("float32"):
@@ -187,26 +189,26 @@ def test_nothing_is_kept_of_code_that_is_not_of_this_package(folder):
     def own(x):
         return 2.0 * x
 
-    for function, arguments in ((own, (MATRIX,)), (product, (Own(MATRIX), MATRIX)), (lambda x: x, (MATRIX,))):
+    for function, arguments in ((own, (MATRIX,)), (summed_product, (Own(MATRIX), MATRIX)), (lambda x: x, (MATRIX,))):
         assert kept.key_of(function, arguments) is None
-    assert kept.key_of(product, (MATRIX, MATRIX), {"own": Own(MATRIX)}) is None
+    assert kept.key_of(summed_product, (MATRIX, MATRIX), {"own": Own(MATRIX)}) is None
     np.testing.assert_array_equal(jit_once(own)(MATRIX), 2.0 * MATRIX)
     assert not folder.exists()
 
 
 def test_nothing_is_kept_where_code_of_others_was_put_into_this_package(monkeypatch):
     monkeypatch.setattr(small_matrices, "jnp", types.SimpleNamespace())
-    assert kept.key_of(product, (MATRIX, MATRIX)) is None
+    assert kept.key_of(summed_product, (MATRIX, MATRIX)) is None
     monkeypatch.setattr(small_matrices, "jnp", jnp)
-    monkeypatch.setattr(small_matrices, "product", lambda a, b: a)
-    assert kept.key_of(product, (MATRIX, MATRIX)) is None
+    monkeypatch.setattr(small_matrices, "summed_product", lambda a, b: a)
+    assert kept.key_of(summed_product, (MATRIX, MATRIX)) is None
 
 
 def test_what_has_no_description_has_no_key():
     for value in (iter([1]), {1: iter([1])}, {(1, 2): {object()}}, jax.random.key(0), types.SimpleNamespace()):
         with pytest.raises(Undescribed):
             digest(value)
-    assert kept.key_of(product, (MATRIX, MATRIX), iter([1])) is None
+    assert kept.key_of(summed_product, (MATRIX, MATRIX), iter([1])) is None
 
 
 @pytest.mark.parametrize("damage", ["empty", "half", "bit", "of another version", "of another key", "another pickle"])
@@ -269,7 +271,7 @@ def test_nothing_is_kept_while_the_cache_of_jax_is_off(folder):
 
 
 def test_a_compiled_function_may_be_called_in_another(folder):
-    whole = in_one_piece(small_matrices.product)
+    whole = in_one_piece(small_matrices.summed_product)
     np.testing.assert_array_equal(jax.jit(whole)(MATRIX, MATRIX), MATRIX @ MATRIX)
     np.testing.assert_allclose(jax.vmap(whole)(MATRIX[None], MATRIX[None])[0], MATRIX @ MATRIX)
 
@@ -289,20 +291,20 @@ def test_a_value_is_computed_once_for_equal_arguments(folder, monkeypatch):
     def count(thrusters):
         raise AssertionError("computed again")
 
-    function = values.once_and_for_all(small_matrices.product)
+    function = values.once_and_for_all(small_matrices.summed_product)
     first = function(MATRIX, MATRIX)
     assert function(MATRIX, MATRIX) is first and len(list(folder.iterdir())) == 1
-    again = values.once_and_for_all(small_matrices.product)  # as another process has it
+    again = values.once_and_for_all(small_matrices.summed_product)  # as another process has it
     again._function = function._function
     np.testing.assert_array_equal(again(MATRIX, MATRIX), first)
     function(MATRIX + 1e-12, MATRIX)
     assert len(list(folder.iterdir())) == 2
-    key = kept.key_of_value(small_matrices.product, (MATRIX, MATRIX)) or ""
-    kept.write("product", key, (np.zeros(1),))
-    assert values.once_and_for_all(small_matrices.product)(MATRIX, MATRIX).shape == (1,)  # it is what was kept
+    key = kept.key_of_value(small_matrices.summed_product, (MATRIX, MATRIX)) or ""
+    kept.write("summed_product", key, (np.zeros(1),))
+    assert values.once_and_for_all(small_matrices.summed_product)(MATRIX, MATRIX).shape == (1,)  # it is what was kept
     monkeypatch.setenv("ROVTWIN_CHECK_KEPT", "1")
     with pytest.raises(kept.WrongProgram, match="another value"):
-        values.once_and_for_all(small_matrices.product)(MATRIX, MATRIX)
+        values.once_and_for_all(small_matrices.summed_product)(MATRIX, MATRIX)
 
 
 def test_what_a_librarys_decorator_or_a_bound_method_holds_is_in_the_digest(monkeypatch):

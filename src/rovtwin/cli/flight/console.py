@@ -1,6 +1,5 @@
 """rovtwin console: the operator console in the browser."""
 
-import gc
 import secrets
 import webbrowser
 from pathlib import Path
@@ -132,7 +131,6 @@ def console(
             _serve(host, port, address if browser else "")
         finally:
             end(place)
-            gc.freeze()  # or Python would look through all there is once more before it ends: a second
 
 
 def _views(views: list[str]) -> list[str]:

@@ -2,10 +2,11 @@
 
 from jaxtyping import Float
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, jnp, traced_once
 from rovtwin.core.types import Scalar
 
 
+@traced_once
 def product(A: Float[Array, "m n"], B: Float[Array, " n *p"]) -> Float[Array, " m *p"]:
     """A B of two matrices as a sum of outer products: in a scan 10 times as fast as the library's call or one sum."""
     total = A[:, 0, None] * B[0]
@@ -31,12 +32,14 @@ def eliminated(S: Float[Array, "n n"], rows: Float[Array, " n *m"]) -> tuple[Flo
     return jnp.stack(pivots), jnp.stack(found)
 
 
+@traced_once
 def squared_norm(e: Float[Array, " n"], S: Float[Array, "n n"]) -> Scalar:
     """e' S^-1 e of a small vector and positive definite S, by elimination."""
     pivots, rows = eliminated(S, e)
     return jnp.sum(rows * rows / pivots)
 
 
+@traced_once
 def solution(S: Float[Array, "n n"], b: Float[Array, " n"]) -> Float[Array, " n"]:
     """S^-1 b by elimination without a choice of pivots: for a positive definite S."""
     n = S.shape[0]

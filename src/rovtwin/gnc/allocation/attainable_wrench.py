@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, jax, jnp, module_for
 from rovtwin.core.types import PerThruster, Scalar, Vector6
 from rovtwin.gnc.allocation.box_least_squares import box_least_squares
 from rovtwin.gnc.allocation.prioritised import largest_force, row_weights
@@ -95,7 +95,7 @@ class RemainingWrench(eqx.Module):
     @property
     def either(self) -> Float[Array, "*axes 6"]:
         """What is there both ways."""
-        return jnp.minimum(self.negative, self.positive)
+        return module_for(self).minimum(self.negative, self.positive)
 
 
 def remaining(thrusters: Thrusters, health: PerThruster, held: tuple[bool, ...] = HELD) -> RemainingWrench:

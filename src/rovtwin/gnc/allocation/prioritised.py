@@ -15,7 +15,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command
-from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.numerics import as_array, in_numpy, jnp, module_for
 from rovtwin.core.types import Configuration, PerThruster, PRNGKey, Scalar, Vector6
 from rovtwin.gnc.allocation.box_least_squares import box_least_squares
 from rovtwin.gnc.interfaces import Allocated, AllocationInput
@@ -91,7 +91,7 @@ class PriorityAllocation(Block):
         thrusters = model.thrusters
         sound = eqx.tree_at(lambda t: t.health, thrusters, as_array(np.ones(thrusters.count)))
         pushed = pushed_axes(model.replace(thrusters=sound))
-        lower, upper = (pushed * limit for limit in wrench_limits(sound))
+        lower, upper = (as_array(pushed * np.asarray(limit)) for limit in wrench_limits(sound))
         slew = thrusters.rate_limit if slew is None else np.broadcast_to(slew, thrusters.count)
         lowest, highest = force_limits(sound)
         return cls(
@@ -100,7 +100,7 @@ class PriorityAllocation(Block):
             highest=highest,
             least_wrench=lower,
             greatest_wrench=upper,
-            weight=row_weights(lower, upper) * as_array(np.sqrt(RANK_COST) ** np.asarray(ranks)),
+            weight=as_array(np.asarray(row_weights(lower, upper)) * np.sqrt(RANK_COST) ** np.asarray(ranks)),
             slew=as_array(slew),
             start=as_array(start),
             stop=as_array(stop),
@@ -160,6 +160,8 @@ def largest_force(lowest: PerThruster, highest: PerThruster) -> PerThruster:
 
 def row_weights(lower: Vector6, upper: Vector6) -> Vector6:
     """One over the largest wrench of each axis; zero where there is none but noise of the geometry."""
-    largest = jnp.maximum(upper, -lower)
-    some = largest > RANK_TOLERANCE * jnp.max(largest)
-    return jnp.where(some, 1.0 / jnp.where(some, largest, 1.0), 0.0)
+    lower, upper = in_numpy((lower, upper))
+    xp = module_for(lower, upper)
+    largest = xp.maximum(upper, -lower)
+    some = largest > RANK_TOLERANCE * xp.max(largest)
+    return as_array(xp.where(some, 1.0 / xp.where(some, largest, 1.0), 0.0))

@@ -15,7 +15,7 @@ from rovtwin.core.frames import (
 from rovtwin.core.numerics import as_array, jnp
 from rovtwin.core.types import PRNGKey, Vector6
 
-_AXIS = jnp.arange(6)
+_AXIS = np.arange(6)
 
 
 class ReferenceModel(Block):

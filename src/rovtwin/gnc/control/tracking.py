@@ -43,7 +43,7 @@ from rovtwin.vehicle.physics.linearisation import restoring_stiffness
 from rovtwin.vehicle.physics.model import Model
 
 ROUNDING = 1e-9  # of a limit: what products of shares change
-DOWN = jnp.array([0.0, 0.0, 1.0])
+DOWN = np.array([0.0, 0.0, 1.0])
 
 
 class PathReference(Block):
@@ -201,7 +201,7 @@ class Tracking(Block):
         desired = (
             model.inertia @ nu_dot
             + self._flow(estimate, nu, nu_ref)
-            + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, DOWN)[3:]])
+            + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, jnp.asarray(DOWN))[3:]])
             - disturbance
             + jnp.concatenate([jnp.zeros(3), memory.moments])
         )

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import heading_rotation
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array, in_numpy, jnp, module_for
 from rovtwin.core.types import Flag, Scalar, Vector2, Vector6
 from rovtwin.gnc.guidance.level_speed import LevelSpeed
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
@@ -114,8 +114,10 @@ class AchievableSpeed(eqx.Module):
 
     def aside_speed(self) -> Scalar:
         """Speed through the water that sway thrust keeps up, the slower side [m/s]; 0 without thrusters there."""
-        slower = jnp.min(self.most[:, 1])
-        return jnp.where(slower < FREE, slower, 0.0)
+        most = in_numpy(self.most)
+        xp = module_for(most)
+        slower = xp.min(most[:, 1])
+        return as_array(xp.where(slower < FREE, slower, 0.0))
 
     def level_heading(self, preferred: Scalar, way: Vector2, current: Vector2, heading: Scalar) -> Scalar:
         """Heading nearest to a preferred one at which it keeps up a way over ground and stays level [rad].

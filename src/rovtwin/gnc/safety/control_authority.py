@@ -52,9 +52,10 @@ class ControlAuthority(eqx.Module):
         groups = [group for size in range(AT_ONCE + 1) for group in combinations(range(n), size)]
         rows = sorted({*groups, *(tuple(sorted(unit)) for unit in units)}, key=lambda row: (len(row), row))
         lost = np.array([np.isin(np.arange(n), row) for row in rows], dtype=float)
-        left: RemainingWrench = _remaining(model.thrusters, as_array(1.0 - lost))
-        sound = left.either[0]
-        enough = np.asarray((left.either >= LEAST * sound) | (sound <= 0.0))
+        remaining: RemainingWrench = _remaining(model.thrusters, as_array(1.0 - lost))
+        left = np.asarray(remaining.either)
+        sound = left[0]
+        enough = (left >= LEAST * sound) | (sound <= 0.0)
         # Roll and pitch right themselves.
         able = enough[:, UPRIGHT].all(axis=1)
         apart = _apart(model.thrusters, lost)
@@ -62,7 +63,7 @@ class ControlAuthority(eqx.Module):
         upright = enough[:, ANGLES] & (apart[:, None] | ~enough[:, ANGLES].all(axis=1, keepdims=True))
         # A vehicle that needed its pitch control and pitches by every push up or down swings: it had better come up.
         doubtful = able & ~upright[:, 1]
-        most = np.asarray(left.either[:, HEAVE])
+        most = left[:, HEAVE]
         able &= ~np.array([doubt and _pitches(model, *row) for doubt, *row in zip(doubtful, lost, most, strict=True)])
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
         heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])

@@ -152,7 +152,7 @@ class ThrusterHealth(Block):
             signed=as_array(signed),
             distinguishable=as_array(distinguishable, bool),
             weight=as_array(weight),
-            force_std=READ_NOISE * as_array(np.maximum(-lower, upper)[:2]),
+            force_std=as_array(READ_NOISE * np.maximum(-lower, upper)[:2]),
         )
 
     def init(self, key: PRNGKey, start: Start) -> HealthMemory:

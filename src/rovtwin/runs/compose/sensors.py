@@ -230,8 +230,8 @@ def together(sensors: dict[str, Sensor], kind: str) -> tuple[float, float] | Non
         return None
     rate = of_kind[0].rate / 1000
     if len(of_kind) == 1:
-        return float(of_kind[0].noise[0]), rate
-    information = sum(sensor.rate / 1000 / max(float(sensor.noise[0]), 1e-12) ** 2 for sensor in of_kind)
+        return float(np.asarray(of_kind[0].noise)[0]), rate
+    information = sum(sensor.rate / 1000 / max(float(np.asarray(sensor.noise)[0]), 1e-12) ** 2 for sensor in of_kind)
     return float(np.sqrt(rate / information)), rate
 
 

@@ -165,7 +165,7 @@ def _legs(scenario: Scenario) -> list[_Leg]:
 def _own(limits: Limits, legs: list[_Leg], model: Model) -> Iterator[Finding]:
     """What no water is to blame for: axes without thrusters."""
     longest, deepest = max(leg.length for leg in legs), max(legs, key=lambda leg: abs(leg.down))
-    net = float(model.buoyancy - model.weight)
+    net = float(model.buoyancy) - float(model.weight)
     if not limits.can(HEAVE):
         sinks = f"weight and buoyancy leave {_size(net)} N {'upwards' if net > 0 else 'downwards'}"
         if abs(net) > 1e-3 * float(model.weight):

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.core.numerics import jax
+from rovtwin.core.numerics import as_array
 from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.vehicle.analysis.stability import steady_speed
 from rovtwin.vehicle.physics.model import Model
@@ -96,10 +96,7 @@ def _ability(model: Model, axis: int, sign: float, constant: float) -> AxisPerfo
 
 def _forces(model: Model, command: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Steady force of each thruster at a command [N]."""
-    return np.asarray(_static_force(model.thrusters, np.asarray(command, dtype=float)), dtype=float)
-
-
-_static_force = jax.jit(static_force)
+    return np.asarray(static_force(model.thrusters, as_array(command)), dtype=float)
 
 
 def _settles_at(model: Model, axis: int, sign: float, force: float) -> float:

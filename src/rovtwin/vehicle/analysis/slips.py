@@ -97,7 +97,7 @@ def _about_places(vehicle: Vehicle, model: Model) -> Iterator[Slip]:
         if away > _FAR * length:
             times = f"{away / length:.0f} times the size of the vehicle"
             yield Slip(what, f"{what} is {plain(away, 3)} m from CG, {times}: is it in metres?")
-    radii = np.sqrt(np.diagonal(np.asarray(model.rigid_body_mass))[3:] / float(model.weight / GRAVITY))
+    radii = np.sqrt(np.diagonal(np.asarray(model.rigid_body_mass))[3:] / (float(model.weight) / GRAVITY))
     for radius, axis in zip(radii, "xyz", strict=True):
         if radius > 0.5 * _FAR * length:
             line = f"radius of gyration about {axis} is {plain(radius, 3)} m: are inertia and places in kg m2 and m?"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.numerics import as_array, in_numpy, module_for
 from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Vector6
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
@@ -158,12 +158,12 @@ def pure_force_limits(thrusters: Thrusters, axis: int) -> tuple[float, float]:
     return found[0], found[1]
 
 
-@jax.jit
 def wrench_limits(thrusters: Thrusters) -> tuple[Vector6, Vector6]:
     """Lowest and highest wrench of each axis alone [N, N m], other axes left free."""
-    low, high = force_limits(thrusters)
-    one_end, other_end = thrusters.configuration * low, thrusters.configuration * high
-    return jnp.sum(jnp.minimum(one_end, other_end), axis=1), jnp.sum(jnp.maximum(one_end, other_end), axis=1)
+    T, (low, high) = in_numpy((thrusters.configuration, force_limits(thrusters)))
+    xp = module_for(T, low, high)
+    ends = T * low, T * high
+    return as_array(xp.sum(xp.minimum(*ends), axis=1)), as_array(xp.sum(xp.maximum(*ends), axis=1))
 
 
 def share_of_limits(T: Any, lowest: Any, highest: Any, tau: Any) -> Float[np.ndarray, " k"]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import skew
-from rovtwin.core.numerics import Array, jnp, module_for
+from rovtwin.core.numerics import Array, as_array, in_numpy, jnp, module_for
 from rovtwin.core.types import Matrix6, Vector6
 from rovtwin.vehicle.physics.dynamics import restoring_lever
 from rovtwin.vehicle.physics.model import Model
@@ -26,15 +26,16 @@ def damping_jacobian(model: Model, nu: Vector6, size: int = 6) -> Float[Array, "
         nu: Velocity through the water, b at CO [m/s, rad/s].
         size: 6, or 3 for forces by linear velocities alone.
     """
-    v = nu[:size]
+    model, nu = in_numpy((model, nu))
+    v, xp = nu[:size], module_for(model, nu)
 
-    def part(matrix: Matrix6) -> Float[Array, "m m"]:
+    def part(matrix: Any) -> Any:
         return matrix if size == 6 else matrix[:size, :size]
 
-    ahead = jnp.where(v > 0, 1.0, jnp.where(v < 0, 0.0, 0.5))
+    ahead = xp.where(v > 0, 1.0, xp.where(v < 0, 0.0, 0.5))
     linear = part(model.linear_damping_ahead) * ahead + part(model.linear_damping_astern) * (1.0 - ahead)
-    quadratic = jnp.where(v >= 0, part(model.quadratic_damping_ahead), part(model.quadratic_damping_astern))
-    return linear + 2.0 * quadratic * jnp.abs(v)
+    quadratic = xp.where(v >= 0, part(model.quadratic_damping_ahead), part(model.quadratic_damping_astern))
+    return as_array(linear + 2.0 * quadratic * xp.abs(v))
 
 
 def coriolis_jacobian(mass: Matrix6, nu: Vector6) -> Matrix6:

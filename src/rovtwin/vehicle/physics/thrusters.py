@@ -6,8 +6,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.core.types import Configuration, PerThruster, ScalarLike, Vector6
+from rovtwin.core.numerics import Array, as_array, in_numpy, jnp, module_for
+from rovtwin.core.types import Configuration, HostArray, PerThruster, ScalarLike, Vector6
 
 Forces: TypeAlias = Float[Array, "... n"]  # of n thrusters, at one instant or at many
 
@@ -87,27 +87,32 @@ def _has_tables(thrusters: Thrusters) -> bool:
 
 def static_force(thrusters: Thrusters, u: PerThruster) -> PerThruster:
     """Force that each thruster settles at [N] for commands u; beyond +-1 they are clipped."""
-    step = jnp.where(thrusters.quantisation > 0, thrusters.quantisation, 1.0)
-    u = jnp.where(thrusters.quantisation > 0, jnp.round(u / step) * step, u)
-    u = jnp.clip(u, -1.0, 1.0)  # last: rounding must not ask for more than there is
-    x = (jnp.abs(u) - thrusters.dead_band) / (1.0 - thrusters.dead_band)
+    thrusters, u = in_numpy((thrusters, u))
+    xp = module_for(thrusters, u)
+    step = xp.where(thrusters.quantisation > 0, thrusters.quantisation, 1.0)
+    u = xp.where(thrusters.quantisation > 0, xp.round(u / step) * step, u)
+    u = xp.clip(u, -1.0, 1.0)  # last: rounding must not ask for more than there is
+    x = (xp.abs(u) - thrusters.dead_band) / (1.0 - thrusters.dead_band)
     moving = x > 0.0
     # The inner `where` keeps the gradient of a power finite at zero.
-    shape = jnp.where(moving, jnp.where(moving, x, 1.0) ** thrusters.exponent, 0.0)
-    force = jnp.where(u >= 0, thrusters.force_ahead, -thrusters.force_astern) * shape
+    shape = xp.where(moving, xp.where(moving, x, 1.0) ** thrusters.exponent, 0.0)
+    force = xp.where(u >= 0, thrusters.force_ahead, -thrusters.force_astern) * shape
     if _has_tables(thrusters):
-        force = jnp.where(thrusters.tabulated, _interpolate(thrusters.table_command, thrusters.table_force, u), force)
-    return thrusters.health * force
+        force = xp.where(thrusters.tabulated, _interpolate(thrusters.table_command, thrusters.table_force, u), force)
+    return as_array(thrusters.health * force)
 
 
-def _interpolate(grid: Float[Array, " k"], table: Float[Array, "n k"], u: PerThruster) -> PerThruster:
+def _interpolate(
+    grid: Float[HostArray, " k"], table: Float[HostArray, "n k"], u: Float[HostArray, " n"]
+) -> Float[HostArray, " n"]:
     """Row i of the table at u_i, linearly on the increasing grid."""
-    upper = jnp.clip(jnp.sum(grid[None, :] <= u[:, None], axis=1), 1, grid.shape[0] - 1)
-    cell = jnp.arange(grid.shape[0])[None, :]
+    xp = module_for(grid, table, u)
+    upper = xp.clip(xp.sum(grid[None, :] <= u[:, None], axis=1), 1, grid.shape[0] - 1)
+    cell = xp.arange(grid.shape[0])[None, :]
     left, right = cell == upper[:, None] - 1, cell == upper[:, None]
 
-    def pick(values: Float[Array, "#n k"], which: Bool[Array, "n k"]) -> PerThruster:
-        return jnp.sum(jnp.where(which, values, 0.0), axis=1)
+    def pick(values: Float[HostArray, "#n k"], which: Bool[HostArray, "n k"]) -> Float[HostArray, " n"]:
+        return xp.sum(xp.where(which, values, 0.0), axis=1)
 
     x0, x1 = pick(grid[None, :], left), pick(grid[None, :], right)
     f0, f1 = pick(table, left), pick(table, right)
@@ -177,11 +182,10 @@ def half_steps(thrusters: Thrusters, force: Forces, target: Forces, dt: ScalarLi
     return begin, middle, lag(thrusters, middle, target, 0.5 * dt)
 
 
-@jax.jit
 def force_limits(thrusters: Thrusters) -> tuple[PerThruster, PerThruster]:
     """Lowest and highest force that commands reach [N]."""
-    one = jnp.ones_like(thrusters.force_ahead)
-    return static_force(thrusters, -one), static_force(thrusters, one)
+    ones = np.ones(thrusters.force_ahead.shape)
+    return static_force(thrusters, as_array(-ones)), static_force(thrusters, as_array(ones))
 
 
 def inflow_damping(thrusters: Thrusters, force: Forces) -> Forces:
