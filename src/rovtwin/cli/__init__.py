@@ -1,6 +1,7 @@
 """The command line: `rovtwin --help`. Numerics are imported inside the commands, so that help answers at once."""
 
 import gc
+import os
 import re
 import sys
 from typing import Any
@@ -135,6 +136,8 @@ def readable(command: Any) -> Any:
 
 def main() -> None:
     """Entry point: what the user can mend is one message and exit code 2, never a traceback."""
+    # OpenBLAS's threads wait for more work as busily as they work, 30 ms each time: let them sleep sooner.
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "16")
     gc.set_threshold(50_000)  # importing and composing make many objects that stay: looking for waste is a tenth of it
     try:
         readable(typer.main.get_command(app))()
