@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
@@ -23,7 +25,7 @@ from rovtwin.runs.compose.composition import compose, vehicle_of, water_density
 from rovtwin.runs.compose.sensors import rotated, sensors_of
 from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario, SensorSection
-from rovtwin.simulation.twin import TwinInput
+from rovtwin.simulation.stepping import step_twin
 
 
 def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False, stop_at: Path | None = None) -> Link:
@@ -135,11 +137,9 @@ def _twin(url: Url, scenario: Scenario, clock: Clock) -> Link:
     # Its time is not the test's, so that a hand would tilt it some other time: as with a served twin, nobody does.
     twin, dt = replace(simulation.loop.twin, hand=None), scenario.control_dt
     memory = twin.init(jax.random.split(simulation.key)[1], simulation.start)
-    step = jax.jit(lambda twin, memory, command, k: twin.step(memory, TwinInput(command, k), dt))
 
     def advance(memory: Any, command: Any, k: int) -> Any:
-        memory, moved = step(twin, memory, command, k)
-        return memory, moved.measurements
+        return step_twin(twin, memory, command.u, np.asarray(k), dt=dt)[:2]
 
     count = twin.model.thrusters.count
     return TwinLink(advance, memory, count, dt, clock, prompt=clock.speed <= 1.0)

@@ -1,6 +1,7 @@
 """The autopilot tick by tick from Python: a link's readings in, the command out, in tens of microseconds."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,11 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.programs.compiled import in_one_piece, shapes_in_one_piece
 
 NO_PILOT_COMMAND = (0.0, 0.0, 0.0, 0.0)  # of a pilot: the vehicle stays
+
+
+@partial(jax.jit, static_argnames="dt")
+def _step(autopilot: Block, memory: Any, inputs: AutopilotInput, dt: float) -> tuple[Any, AutopilotOutput]:
+    return autopilot.step(memory, inputs, dt)
 
 
 class HostAutopilot:
@@ -37,8 +43,7 @@ class HostAutopilot:
             control_dt: Control period [s].
         """
         inputs = AutopilotInput(slots, jnp.asarray(NO_REQUEST))
-        step = jax.jit(lambda autopilot, memory, inputs: autopilot.step(memory, inputs, control_dt))
-        _, output = shapes_in_one_piece(step, autopilot, memory, inputs)
+        _, output = shapes_in_one_piece(_step, autopilot, memory, inputs, dt=control_dt)
         blocks, takes, gives = Layout(autopilot), Layout(inputs), Layout((output, memory))
         self._takes, self._gives = takes, gives
         places = self._takes.places()
@@ -54,28 +59,28 @@ class HostAutopilot:
             # Parameters come as a vector too: as constants they would make every vehicle a program of its own. So would
             # `self`, which holds them, in the key under which the program is kept.
             _, memory = gives.unflatten(before)
-            memory, output = step(blocks.unflatten(parameters), memory, takes.unflatten(taken))
+            memory, output = _step(blocks.unflatten(parameters), memory, takes.unflatten(taken), dt=control_dt)
             return gives.flatten((output, memory))
 
         self._tick = in_one_piece(tick)
-        self._flat_parameters, self._flat = jax.jit(blocks.flatten), jax.jit(self._gives.flatten)
+        self._blocks = blocks
         self._output = Layout(output)
-        self._parameters = self._flat_parameters(autopilot)
+        self._parameters = blocks.flatten(autopilot)
         self.taken: np.ndarray
         self.given: np.ndarray
-        self._nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
+        self._nothing = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), output)
         self.restart(memory)
         self._tick(self._parameters, self._after, self.taken).block_until_ready()
 
     def restart(self, memory: Any) -> None:
         """Begin anew with a memory, as that of another start; nothing is compiled."""
-        self._after = self._flat((self._nothing, memory))
+        self._after = self._gives.flatten((self._nothing, memory))
         self.taken, self.given = self._pack(()), np.asarray(self._after)
 
     def change(self, autopilot: Block, memory: Any) -> None:
         """Go on with other parameters and another memory of the same shapes; what the last tick gave stays."""
-        self._parameters = self._flat_parameters(autopilot)
-        self._after = self._flat((self._gives.unflatten(np.asarray(self._after))[0], memory))
+        self._parameters = self._blocks.flatten(autopilot)
+        self._after = self._gives.flatten((self._gives.unflatten(np.asarray(self._after))[0], memory))
 
     @property
     def memory(self) -> Any:

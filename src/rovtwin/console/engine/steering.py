@@ -11,10 +11,13 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, PAUSE, AutopilotOutput, Command, Measurement, Slot
 from rovtwin.core.frames import level_attitude
 from rovtwin.core.numerics import as_array, jax
+from rovtwin.core.programs.compiled import jit_once
 from rovtwin.gnc.interfaces import MODE_RUNNING
 from rovtwin.live.flight import ROOM
 from rovtwin.runs.compose.composition import Simulation
 from rovtwin.runs.realtime import NO_PILOT_COMMAND, HostAutopilot
+
+_begun = jit_once(lambda autopilot, key, start: autopilot.init(key, start))
 
 
 class Steering(abc.ABC):
@@ -24,7 +27,7 @@ class Steering(abc.ABC):
         """Compiles."""
         self._autopilot: Any = autopilot
         key = jax.random.split(simulation.key)[0]
-        self._fresh = jax.jit(lambda start: autopilot.init(key, start))
+        self._fresh = lambda start: _begun(autopilot, key, start)
         twin = simulation.loop.twin
         slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in twin.empty().items()}
         self._host = HostAutopilot(autopilot, self._fresh(simulation.start), slots, control_dt)

@@ -8,7 +8,6 @@ import numpy as np
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.link import Link
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.links.twin import TwinLink
@@ -16,7 +15,8 @@ from rovtwin.runs.compose.composition import Simulation, compose
 from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.environment.current import CombinedCurrent, ConstantCurrent
-from rovtwin.simulation.twin import Twin, TwinInput, TwinOutput
+from rovtwin.simulation.stepping import step_twin
+from rovtwin.simulation.twin import Twin
 
 LEASH = 0.06  # how far the vehicle goes ahead of the autopilot where time runs fast [s]; in a test not at all
 TRUTH = "truth"  # a reading that no real vehicle gives: eta (6,), water velocity in n (3,), moving surface's height
@@ -38,15 +38,15 @@ class WorldLink(TwinLink):
         self._hand = None if self._twin.hand is None else np.asarray(self._twin.hand.spans)
         self._twin = self._with_hand(np.inf)
         memory = self._twin.init(jax.random.split(simulation.key)[1], simulation.start)
-        self._step = jax.jit(lambda twin, memory, u, k: _moved(twin, memory, u, k, dt))
+        self._dt = dt
         self._truth = np.zeros(10)
         super().__init__(self._advance_, memory, self._healthy.shape[0], dt, clock)
         self._reached = np.inf  # time whose command the autopilot has sent, once it tells it [s]
         self._leash = LEASH if simulation.scenario.test is None else 0.0
-        self._step(self._twin, memory, jnp.zeros_like(self._healthy), 0)  # compiled before anybody waits for it
+        self._advance_(memory, Command(jnp.zeros_like(self._healthy)), 0)  # compiled before anybody waits for it
 
     def _advance_(self, memory: Any, command: Command, k: int) -> Any:
-        memory, measurements, truth = self._step(self._twin, memory, command.u, k)
+        memory, measurements, truth = step_twin(self._twin, memory, command.u, np.asarray(k), dt=self._dt)
         self._truth = np.asarray(truth)
         return memory, measurements
 
@@ -110,17 +110,6 @@ def _added(twin: Twin) -> Any:
     while isinstance(current, CombinedCurrent):
         current = current.parts[-1]
     return current.velocity
-
-
-def _moved(twin: Twin, memory: Any, u: Any, k: Any, dt: float) -> Any:
-    memory, moved = twin.step(memory, TwinInput(Command(u), k), dt)
-    return memory, moved.measurements, _readings(moved)
-
-
-def _readings(moved: TwinOutput) -> Any:
-    state, water = moved.state, moved.environment
-    surface = jnp.zeros(1) if water.surface is None else jnp.reshape(water.surface, 1)
-    return jnp.concatenate([state.position, euler_from_quaternion(state.attitude), water.velocity, surface])
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.core.flow import Measurement, Measurements
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, in_numpy, jax, jnp, module_for
 from rovtwin.core.programs.description import Described
 
 Tree = TypeVar("Tree")
@@ -61,9 +61,10 @@ class Layout(Described, Generic[Tree]):
         return self._structure.unflatten([place for place, _, _ in self._leaves])
 
     def flatten(self, tree: Tree) -> Float[Array, " {self.size}"]:
-        """The vector of a tree; for compiled code."""
-        leaves = self._structure.flatten_up_to(tree)
-        return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(leaf).astype(jnp.float64) for leaf in leaves)])
+        """The vector of a tree; NumPy's outside compiled code, where nothing is compiled for it."""
+        leaves = in_numpy(self._structure.flatten_up_to(tree))
+        xp = module_for(leaves)
+        return xp.concatenate([xp.zeros(0), *(xp.ravel(leaf).astype(xp.float64) for leaf in leaves)])
 
     def unflatten(self, vector: Any) -> Tree:
         """The tree of a vector, shape (..., size): leading axes become those of every leaf.

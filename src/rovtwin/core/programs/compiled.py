@@ -53,12 +53,26 @@ def _unmarked() -> Any:
 
 
 def shapes_in_one_piece(function: Callable[..., Any], *arguments: Any, **static: Any) -> Any:
-    """`jax.eval_shape` of what `in_one_piece` compiles later on: its trace is kept and serves for both.
+    """`jax.eval_shape` of what `in_one_piece` compiles later on: its trace serves for both, and what it gives is kept.
 
     JAX keeps a trace by the context in which it was made; one from outside would be made a second time.
     """
+    name, key = f"{_name(function)}-shapes", kept.key_of(function, arguments, static)
+    held = kept.read(name, key) if key else None
+    if held is not None and not kept.is_checked():
+        return held
     with _unmarked():
-        return jax.eval_shape(partial(function, **static), *arguments)
+        found = jax.eval_shape(partial(function, **static), *arguments)
+    if held is not None and jax.tree.flatten(held) != jax.tree.flatten(found):
+        raise kept.WrongProgram(f"{kept.path_of(name, key or '')}: found other shapes than those of its key")
+    if key and held is None:
+        kept.try_to_write(name, key, found)
+    return found
+
+
+def _name(function: Callable[..., Any]) -> str:
+    """Of the files of what is kept of a function."""
+    return getattr(function, "__name__", "program").strip("_<>")
 
 
 def _marked(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -124,7 +138,7 @@ class Compiled(Described):
 
     def _program(self, arguments: tuple[Any, ...], static: dict[str, Any]) -> Callable[..., Any]:
         """For arguments of this form: the one kept, or compiled now and kept."""
-        name = getattr(self._function, "__name__", "program").strip("_<>")
+        name = _name(self._function)
         key = kept.key_of(self, arguments, static, self._how)
         found = kept.load(name, key, arguments) if key else None
         if found and not kept.is_checked():

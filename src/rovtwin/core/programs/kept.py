@@ -221,6 +221,14 @@ def write(name: str, key: str, held: Any) -> None:
     write_bytes(path, FORMAT + key.encode() + hashlib.sha256(body).digest() + body)
 
 
+def try_to_write(name: str, key: str, held: Any) -> None:
+    """The same; what cannot be kept is made anew next time."""
+    try:
+        write(name, key, held)
+    except Exception as error:  # a full disk, or what cannot be pickled
+        logger.debug("%s: not kept: %s", name, error)
+
+
 @contextmanager
 def noting() -> Iterator[list[bytes]]:
     """Gives a list of the executables that this thread meanwhile writes to JAX's cache or reads from it.

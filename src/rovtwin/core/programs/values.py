@@ -55,10 +55,7 @@ class Once(Described, Generic[P, T]):
         if held is not None and pickle.dumps(held[0]) != pickle.dumps(found):
             raise kept.WrongProgram(f"{self.__name__}: found another value than that of its key")
         if key and held is None:
-            try:
-                kept.write(self.__name__, key, (found,))
-            except Exception as error:  # a full disk
-                logger.debug("%s: not kept: %s", self.__name__, error)
+            kept.try_to_write(self.__name__, key, (found,))
         return found
 
 

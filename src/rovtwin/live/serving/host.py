@@ -8,11 +8,10 @@ from jaxtyping import Float
 from rovtwin.core.arrays.flat import Layout
 from rovtwin.core.arrays.rotations import pose
 from rovtwin.core.flow import Measurement
-from rovtwin.core.frames import euler_from_quaternion
-from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.core.types import Index
+from rovtwin.core.numerics import jax
 from rovtwin.links.servers.pilot_command import PilotCommand
-from rovtwin.live.serving.vehicle import ServedOutput, orders, served_of
+from rovtwin.live.serving.served import ServedOutput, advance_of, orders, output_of
+from rovtwin.live.serving.vehicle import served_of
 from rovtwin.runs.recording.provenance import own_code
 from rovtwin.scenario.schema import Scenario
 
@@ -44,24 +43,13 @@ class ServedVehicle:
         self.largest = {name: np.asarray(onboard.largest) for name, onboard in served.onboards.items()}
         self._rng = np.random.default_rng(scenario.seed)
         memory, none = served.init(simulation.key, simulation.start), orders(served)
-        step = jax.jit(lambda served, memory, orders, k: served.tick(memory, orders, k, self.dt))
-        _, output = jax.eval_shape(step, served, memory, none, jnp.asarray(0))
-        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
+        output = output_of(served, memory, none, self.dt)
+        nothing = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), output)
         blocks, takes, gives = Layout(served), Layout(none), Layout((output, memory))
         self._orders, self._gives = takes.places(), gives
         self._shown: ServedOutput = gives.places()[0]
-
-        def advance(
-            parameters: Float[Array, " _"], before: Float[Array, " _"], taken: Float[Array, " _"], k: Index
-        ) -> Float[Array, " _"]:
-            _, memory = gives.unflatten(before)
-            memory, output = step(blocks.unflatten(parameters), memory, takes.unflatten(taken), k)
-            pose = jnp.concatenate([output.state.position, euler_from_quaternion(output.state.attitude)])
-            return jnp.concatenate([gives.flatten((output, memory)), pose])
-
-        self._advance = jax.jit(advance)
-        self._parameters = jax.jit(blocks.flatten)(served)
-        self._after = jax.jit(gives.flatten)((nothing, memory))
+        self._advance = advance_of(blocks, takes, gives, self.dt)
+        self._parameters, self._after = blocks.flatten(served), gives.flatten((nothing, memory))
         self._idle = np.zeros(takes.size)
         self._size = gives.size
         self._advance(self._parameters, self._after, self._idle, np.asarray(0)).block_until_ready()
