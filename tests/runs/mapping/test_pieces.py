@@ -1,6 +1,6 @@
 """Pieces of a map: gaps beyond its edge, runs that are used, places without a number, old files, losses, the note."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +12,7 @@ from tests.runs.mapping.test_sources import CUBE
 from rovtwin.core.errors import ConfigError
 from rovtwin.imaging.lines_writer import write_lines
 from rovtwin.mapping.alignment.strips import straight_runs
+from rovtwin.mapping.alignment.ties import Ties
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.report.mapping import figures
 from rovtwin.runs.mapping.area import gaps_of, hull_of
@@ -19,7 +20,7 @@ from rovtwin.runs.mapping.make import _laid_out
 from rovtwin.runs.mapping.output.losses import losses
 from rovtwin.runs.mapping.output.noting import WHAT, hashes_of, remove_old, settings_of
 from rovtwin.runs.mapping.points import Point, read_points, without_value
-from rovtwin.runs.mapping.registering import filled, read_control, used_runs
+from rovtwin.runs.mapping.registering import _untried, filled, read_control, used_runs
 from rovtwin.runs.mapping.request import MapRequest
 from rovtwin.runs.mapping.sources import Inputs, open_inputs
 
@@ -53,6 +54,13 @@ def test_runs_are_cut_where_lines_are_not_used():
     pieces = used_runs(runs, t, use)
     assert len(runs) == 1 and len(pieces) == 1  # of 9 to 11 s is too short
     assert t[pieces[0][-1]] < 8.0 and use[pieces[0]].all()
+
+
+def test_patches_that_were_not_tried_are_counted_in_a_remark():
+    none = Ties(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
+    assert _untried(none) == []
+    (remark,) = _untried(replace(none, untried=500))
+    assert remark.startswith("of 2500 patches of the overlaps 2000")
 
 
 def test_nodes_without_a_floor_take_the_value_of_the_nearest_that_has_one():

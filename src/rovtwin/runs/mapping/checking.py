@@ -23,6 +23,8 @@ def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> 
         LogError: The file of lines cannot be used.
     """
     rasterio("rovtwin map")
+    for path in (out, run):
+        _nameable(path)
     _check_options(request, out, overwrite)
     _check_together(run, request)
     if run is not None:
@@ -40,6 +42,15 @@ def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> 
         _there("--area", request.area)
     if request.floor not in NO_FILE:
         _check_floor(Path(request.floor))
+
+
+def _nameable(path: Path | None) -> None:
+    """Refuse a name that no file can have, such as one that is too long; whether it is there is asked later."""
+    try:
+        if path is not None:
+            path.exists()
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
 def _there(option: str, path: Path) -> None:

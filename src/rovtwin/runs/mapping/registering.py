@@ -15,7 +15,7 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.mapping.alignment.calibration import CalibrationFinding, calibration_findings
 from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.matching import match_strips
+from rovtwin.mapping.alignment.matching import USUAL, match_strips
 from rovtwin.mapping.alignment.registration import Registration, register
 from rovtwin.mapping.alignment.strips import SHORTEST, short_runs, straight_runs, strip_of
 from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
@@ -102,6 +102,7 @@ def registered(
         f"{1e3 * done.before:.0f} mm rms before, {1e3 * done.after:.0f} mm after; NIS {done.nis:.2f} "
         f"(95 %: {low:.2f} to {high:.2f})",
         *unused,
+        *_untried(ties),
         *_doubts(done),
     ]
     calibration = calibration_findings(joint, done.joint)
@@ -116,6 +117,16 @@ def registered(
     depth = float(inputs.first_floor().depth)
     residuals = Residuals(observed, done, numbers, depth)
     return Registered(better, delay, done.joint, residuals, _figures(done, calibration), remarks)
+
+
+def _untried(ties: Ties) -> list[str]:
+    """A remark where overlaps have more patches than are tried."""
+    if not ties.untried:
+        return []
+    return [
+        f"of {USUAL.most + ties.untried} patches of the overlaps {USUAL.most}, spread evenly, were looked for; "
+        "for all of them map the survey in parts (--from, --to)"
+    ]
 
 
 def _doubts(done: Registration) -> list[str]:
