@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import rasterio
 import yaml
-from tests.imaging.helper import imager
+from tests.imaging.helper import cut, imager
 from typer.testing import CliRunner
 
 import rovtwin
@@ -163,6 +163,36 @@ def test_killed_it_goes_on_to_the_same_mosaic(run, by_truth, tmp_path):
     assert found.about["figures"]["resumed_parts"] >= 1
     assert (out / "cube.img").read_bytes() == (by_truth.folder / "cube.img").read_bytes()
     assert not (out / ".parts").exists()
+
+
+def test_lines_in_three_files_make_the_same_mosaic_to_the_last_bit_also_when_broken_off(run, by_truth, tmp_path):
+    pieces = cut(run / "lines.h5", tmp_path / "cut", [33, 70])  # none at the edge of a block
+    request = MapRequest(
+        (pieces[1], pieces[2], pieces[0]), "truth", "truth", resolution=0.02, formats=("envi", "cog"), turn=1.0
+    )
+    first: list[int] = []
+
+    def broken(what, done, count):
+        first.append(done)
+        if what == "lines" and done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        map_run(run, request, tmp_path / "m", progress=broken)
+    found = map_run(run, request, tmp_path / "m")
+    assert found.about["figures"]["resumed_parts"] >= 1 and first
+    for name in ("cube.img", "layers.tif", "spectra.csv", "uncertainty.csv"):
+        assert (tmp_path / "m" / name).read_bytes() == (by_truth.folder / name).read_bytes()
+    assert found.about["settings"]["lines"] == [path.name for path in pieces]
+    assert {path.name for path in pieces} <= found.about["sha256"].keys()
+    assert "chunknr_0.h5 and 2 more" in (tmp_path / "m" / "report.html").read_text()
+    of_folder = rovtwin.map(
+        run, tmp_path / "cut", tmp_path / "f", navigation="lines", floor="plane", depth=5.0, turn=1.0, resolution=0.02
+    )
+    alone = rovtwin.map(
+        run, run / "lines.h5", tmp_path / "o", navigation="lines", floor="plane", depth=5.0, turn=1.0, resolution=0.02
+    )
+    assert (of_folder.folder / "cube.img").read_bytes() == (alone.folder / "cube.img").read_bytes()
 
 
 def test_places_are_those_of_a_file(run, tmp_path):

@@ -16,7 +16,11 @@ def map_lines(
         typer.Argument(metavar="[RUN]", help="Folder of the run, or its log. Without: navigation of the lines' file."),
     ] = None,
     lines: Annotated[
-        Path | None, typer.Option(help="File of lines, of `rovtwin scan` or an imager; default lines.h5 in RUN.")
+        list[Path] | None,
+        typer.Option(
+            help="File of lines, of `rovtwin scan` or an imager; again for each more of the dive, or a folder of "
+            "them; default lines.h5 in RUN."
+        ),
     ] = None,
     floor: Annotated[
         str, typer.Option(help="altimeter (smooth through its echoes), plane, truth, or a raster file of heights.")
@@ -49,7 +53,9 @@ def map_lines(
     register: Annotated[
         bool, typer.Option("--register", help="Put poses and calibration right by overlaps; needs `rovtwin smooth`.")
     ] = False,
-    control: Annotated[Path | None, typer.Option(help="CSV of known points: name,line,pixel,north,east,sd.")] = None,
+    control: Annotated[
+        Path | None, typer.Option(help="CSV of known points: name,line,pixel,north,east,sd[,file].")
+    ] = None,
     calibrated: Annotated[
         bool, typer.Option("--calibrated", help="Mount and clock are exact; else 1 deg, 10 mm, 20 ms.")
     ] = False,
@@ -77,7 +83,7 @@ def map_lines(
     from rovtwin.runs.mapping.checking import check
     from rovtwin.runs.mapping.request import MapRequest
 
-    if run is None and (lines is None or out is None):
+    if run is None and (not lines or out is None):
         raise ConfigError("without a RUN, --lines and --out are needed")
     if blend not in ("best", "mean"):
         raise ConfigError(f"--blend: found '{blend}', expected best or mean")
@@ -86,8 +92,8 @@ def map_lines(
     refuse_idle({"--water": radiance and water is not None}, "--radiance takes no water off")
     folder = Path() if run is None else run if run.is_dir() else run.parent
     request = MapRequest(
-        lines or folder / "lines.h5", navigation, floor, depth, dem_values == "height", resolution, crs, radiance,
-        water, blend == "best", math.radians(max_turn), clock_offset,
+        tuple(lines or [folder / "lines.h5"]), navigation, floor, depth, dem_values == "height", resolution, crs,
+        radiance, water, blend == "best", math.radians(max_turn), clock_offset,
         float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points, register,
         control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
@@ -108,7 +114,8 @@ def map_lines(
         emit({"out": str(made.folder), **made.about["figures"], "notes": made.remarks()})
         return
     shown = console(as_json)
-    rows = table(f"mosaic of {request.lines}", "", "")
+    first, *more = request.files
+    rows = table(f"mosaic of {first}{f' and {len(more)} more' if more else ''}", "", "")
     for name, value, unit in made.figures_table():
         rows.add_row(name, figure(value, unit))
     shown.print(rows)

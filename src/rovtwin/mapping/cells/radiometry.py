@@ -10,6 +10,7 @@ Reference: EMVA Standard 1288, release 4.0, for noise of a linear camera.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -108,14 +109,22 @@ class Calibrated:
     correction: Correction
 
     @cached_property
-    def _per_count(self) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Dark frame; radiance a count over a second of exposure; electrons a count; offset of counts."""
-        dark, response = self.lines.frames
-        given = self.lines.imager.file.detector
-        full = 2.0**given.bits - 1.0
-        with np.errstate(divide="ignore"):
-            inverse = np.where(response > 0, 1.0 / response, np.nan).astype(np.float32)
-        return dark, inverse, given.full_well / (full - given.offset), given.offset
+    def _per_count(self) -> dict[Path, tuple[np.ndarray, np.ndarray]]:
+        """Of each file: dark frame; radiance a count over a second of exposure."""
+        found = {}
+        for file in self.lines.files:
+            dark, response = file.frames
+            with np.errstate(divide="ignore"):
+                found[file.path] = dark, np.where(response > 0, 1.0 / response, np.nan).astype(np.float32)
+        return found
+
+    def _frames_of(self, first: int, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of so many lines, those of the file that each lies in; none where the files hold radiances."""
+        if not self.lines.counts:
+            return []
+        return [
+            self._per_count[file.path] for file, a, b in self.lines.pieces(first, first + count) for _ in range(a, b)
+        ]
 
     @property
     def has_noise(self) -> bool:
@@ -144,7 +153,7 @@ class Calibrated:
             knows it), and how many were saturated.
         """
         full = cube >= self.lines.saturation
-        variance = np.zeros_like(cube)
+        variance, frames = np.zeros_like(cube), self._frames_of(first, len(cube))
         for i in range(len(cube)):
             if not located.valid[i].any():
                 continue
@@ -152,7 +161,8 @@ class Calibrated:
             with np.errstate(invalid="ignore", divide="ignore"):
                 over = np.where(gain > 0, np.float32(1.0) / gain, np.float32(np.nan))
                 if self.lines.counts:
-                    self._of_counts(cube[i], variance[i], float(self.lines.exposure[first + i]), over, veil)
+                    exposure = float(self.lines.exposure[first + i])
+                    self._of_counts(cube[i], variance[i], frames[i], exposure, over, veil)
                 else:
                     cube[i] -= veil
                     cube[i] *= over
@@ -160,15 +170,21 @@ class Calibrated:
         return cube, variance, int(full.sum())
 
     def _of_counts(
-        self, counts: np.ndarray, variance: np.ndarray, exposure: float, over: np.ndarray, veil: np.ndarray
+        self,
+        counts: np.ndarray,
+        variance: np.ndarray,
+        frames: tuple[np.ndarray, np.ndarray],
+        exposure: float,
+        over: np.ndarray,
+        veil: np.ndarray,
     ) -> None:
         """One line, in place."""
-        dark, inverse, electrons, offset = self._per_count
+        (dark, inverse), given = frames, self.lines.imager.file.detector
+        electrons = given.full_well / (2.0**given.bits - 1.0 - given.offset)  # a count
         scale = inverse * np.float32(1.0 / exposure)
-        read = self.lines.imager.file.detector.read_noise
-        np.maximum(counts - np.float32(offset), 0.0, out=variance)
+        np.maximum(counts - np.float32(given.offset), 0.0, out=variance)
         variance *= np.float32(electrons)
-        variance += np.float32(read**2 + electrons**2 / 12.0)
+        variance += np.float32(given.read_noise**2 + electrons**2 / 12.0)
         variance *= np.square(scale * over * np.float32(1.0 / electrons))
         counts -= dark
         counts *= scale

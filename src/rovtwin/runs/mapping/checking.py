@@ -1,11 +1,13 @@
 """All that can be refused of a map before anything heavy is loaded, read or compiled."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import parse, read_yaml
 from rovtwin.core.user_files.files import checked
 from rovtwin.imaging.lines import LinesHead
+from rovtwin.imaging.lines_of_files import in_order
 from rovtwin.mapping.projection import crs_of, rasterio
 from rovtwin.runs.mapping.columns import CONTROL, POINTS, columns_of
 from rovtwin.runs.mapping.request import FORMATS, NAVIGATIONS, MapRequest, WaterFile
@@ -29,8 +31,9 @@ def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> 
     _check_together(run, request)
     if run is not None:
         _check_run(run, request)
-    with LinesHead(request.lines) as lines:
-        _check_lines(lines, run, request)
+    with ExitStack() as opened:
+        for lines in in_order([opened.enter_context(LinesHead(path)) for path in request.files]):
+            _check_lines(lines, run, request)
     if request.crs != "utm":
         crs_of(request.crs, "--crs")
     if request.water not in (None, "truth"):

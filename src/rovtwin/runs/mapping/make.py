@@ -228,7 +228,7 @@ def _check_room(out: Path, job: Job, request: MapRequest) -> None:
 
 def _what(inputs: Inputs, job: Job) -> str:
     correction = job.calibrated.correction
-    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {inputs.lines.path.name}"
+    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {inputs.lines.name}"
 
 
 def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
@@ -248,13 +248,13 @@ def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
 def key_of(inputs: Inputs, job: Job) -> str:
     """Of all that the parts depend on."""
     lines, request = inputs.lines, inputs.request
-    state = lines.path.stat()
+    states = [(str(one.path.resolve()), (state := one.path.stat()).st_size, state.st_mtime_ns) for one in lines.files]
     digest = hashlib.sha256()
     settings = {
         name: str(value)
         for name, value in asdict(replace(request, imager=None, formats=(), points=None, area=None)).items()
     }
-    about = [_FORMAT, str(lines.path.resolve()), state.st_size, state.st_mtime_ns, imager_as_data(lines.imager.file)]
+    about = [_FORMAT, states, imager_as_data(lines.imager.file)]
     digest.update(json.dumps([about, settings, job.layer_names], default=str).encode())
     navigation, mount, grid = job.georeference.navigation, job.georeference.mount, job.grid
     north = np.linspace(job.projection.low[0], job.projection.high[0], 12)

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from rovtwin.core.datum import Datum
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import NonNegative, Strict
 from rovtwin.imaging.spectra.water import Constituents
 
@@ -35,7 +36,7 @@ class MapRequest:
     """What is asked for.
 
     Attributes:
-        lines: File of lines.
+        lines: File of lines; or several of one dive, folders of `*.h5` among them.
         navigation: Whose poses, of `NAVIGATIONS`; None: smoothed where there is such a track, else the estimate, and
             without a run those in the file of lines. `truth` takes true times and the true mount, too.
         floor: `altimeter`, `plane`, `truth`, or a raster file of heights.
@@ -60,7 +61,7 @@ class MapRequest:
         datum: Of lines that have none.
     """
 
-    lines: Path
+    lines: Path | tuple[Path, ...]
     navigation: str | None = None
     floor: str = "altimeter"
     depth: float | None = None
@@ -82,3 +83,21 @@ class MapRequest:
     formats: tuple[str, ...] = ("envi", "cog")
     imager: "Imager | str | None" = None
     datum: Datum | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of lines, those of folders by name.
+
+        Raises:
+            ConfigError: A folder has none.
+        """
+        found = []
+        for path in (self.lines,) if isinstance(self.lines, Path) else self.lines:
+            try:
+                within = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+            except OSError as error:
+                raise ConfigError(f"--lines {path}: cannot be read: {error.strerror or error}") from None
+            if not within:
+                raise ConfigError(f"--lines {path}: is a folder without files *.h5, expected some, or files of lines")
+            found += within
+        return found

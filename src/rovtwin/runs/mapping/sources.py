@@ -15,6 +15,7 @@ from rovtwin.core.user_files.config import parse, read_yaml
 from rovtwin.imaging.floor import Floor, Plane
 from rovtwin.imaging.imager import Mount, load_imager, mount_of
 from rovtwin.imaging.lines import LinesFile
+from rovtwin.imaging.lines_of_files import open_lines
 from rovtwin.imaging.radiance import Radiometry, fine_wavelengths
 from rovtwin.imaging.spectra.water import SpectralWater
 from rovtwin.mapping.altimeter import Altimeter, Surface, altimeter_hits, surface_through
@@ -265,7 +266,7 @@ def open_inputs(run: Path | None, request: MapRequest) -> Inputs:
         LogError: A file is missing, damaged, or none of lines, or nobody knows when the run's clock began.
     """
     imager = request.imager
-    lines = LinesFile(request.lines, load_imager(imager) if isinstance(imager, str) else imager)
+    lines = open_lines(request.files, load_imager(imager) if isinstance(imager, str) else imager)
     try:
         if run is None:
             date(lines, request.datum, None)

@@ -65,7 +65,7 @@ def write_mosaic_page(
         pictures.insert(1, _arrows(products, products.registration.residuals, sheet, out))
     rows = [[label, _shown(value), unit] for label, value, unit in mosaic.figures_table()]
     files = {name: what for name, what in WHAT.items() if (out / name).exists() or name == NOTE}
-    title = f"Mosaic of {products.inputs.lines.path.name}"
+    title = f"Mosaic of {products.inputs.lines.name}"
     write_map_page(out, title, Table("", ["", "", ""], rows), products.remarks, pictures, files,
                    viewer_of(mosaic, grid, job.projection, sheet, spectra, scene))  # fmt: skip
 
