@@ -23,11 +23,24 @@ def map_lines(
         ),
     ] = None,
     floor: Annotated[
-        str, typer.Option(help="altimeter (smooth through its echoes), plane, truth, or a raster file of heights.")
+        str,
+        typer.Option(help="altimeter (smooth through its echoes), plane, truth, a raster file of heights, a mesh."),
     ] = "altimeter",
+    floor_crs: Annotated[
+        str,
+        typer.Option(help="Frame of a mesh: ned (north, east, down of the datum), enu, or such as EPSG:32632."),
+    ] = "ned",
+    floor_std: Annotated[
+        float | None,
+        typer.Option(help="Of the height of a plane, raster file or mesh [m]; default 0.1, 0.05, 0.05."),
+    ] = None,
     depth: Annotated[float | None, typer.Option(help="Of the plane [m]; default the altimeter's median.")] = None,
     dem_values: Annotated[
-        str, typer.Option(help="Numbers of a raster file: height over the ellipsoid, up, or depth below the water.")
+        str,
+        typer.Option(
+            help="Numbers of a raster file, or a mesh with --floor-crs EPSG:..: height over the ellipsoid, up, or "
+            "depth below the water."
+        ),
     ] = "height",
     navigation: Annotated[
         str | None,
@@ -97,6 +110,7 @@ def map_lines(
         float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points, register,
         control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
+        floor_crs, floor_std,
     )  # fmt: skip
     check(run, request, out or folder / "mosaic", overwrite)
     from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before

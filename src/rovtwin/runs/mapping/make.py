@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.user_files.files import is_file
 from rovtwin.imaging.files import imager_as_data
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.cells.grid import Grid
@@ -137,7 +138,8 @@ def prepare(inputs: Inputs) -> Ready:
     floor, height, remarks = inputs.floor(place.min(0), place.max(0))
     georeference = replace(first, floor=floor)
     model, water, words = inputs.light()
-    height = height if water.height_sd is None else water.height_sd
+    if water.height_sd is not None and inputs.request.floor_std is None:
+        height = water.height_sd
     done, errors = _registered(inputs, georeference, t, chosen, height)
     if done is not None:
         georeference, t = done.georeference, t + done.delay
@@ -254,6 +256,8 @@ def key_of(inputs: Inputs, job: Job) -> str:
         name: str(value)
         for name, value in asdict(replace(request, imager=None, formats=(), points=None, area=None)).items()
     }
+    floor_file = Path(request.floor)
+    states += [(request.floor, floor_file.stat().st_size, floor_file.stat().st_mtime_ns)] if is_file(floor_file) else []
     about = [_FORMAT, states, imager_as_data(lines.imager.file)]
     digest.update(json.dumps([about, settings, job.layer_names], default=str).encode())
     navigation, mount, grid = job.georeference.navigation, job.georeference.mount, job.grid

@@ -39,9 +39,12 @@ class MapRequest:
         lines: File of lines; or several of one dive, folders of `*.h5` among them.
         navigation: Whose poses, of `NAVIGATIONS`; None: smoothed where there is such a track, else the estimate, and
             without a run those in the file of lines. `truth` takes true times and the true mount, too.
-        floor: `altimeter`, `plane`, `truth`, or a raster file of heights.
+        floor: `altimeter`, `plane`, `truth`, a raster file of heights, or a mesh.
+        floor_crs: Frame of a mesh: see `mapping.mesh_floor.MeshFrame`.
+        floor_std: Standard deviation of the height of a plane, a raster file or a mesh [m]; None: 0.1, 0.05, 0.05.
         depth: Of the plane [m]; None: as the altimeter has it.
-        heights: Whether numbers of a raster file are heights over the ellipsoid; else depths.
+        heights: Whether numbers of a raster file, or third coordinates of a mesh in a coordinate system, are heights
+            over the ellipsoid; else depths.
         resolution: Side of a cell [m].
         crs: Coordinate system of the mosaic; `utm` for the zone that the datum lies in.
         radiance: Whether radiances are asked for, not reflectances.
@@ -83,6 +86,8 @@ class MapRequest:
     formats: tuple[str, ...] = ("envi", "cog")
     imager: "Imager | str | None" = None
     datum: Datum | None = None
+    floor_crs: str = "ned"
+    floor_std: float | None = None
 
     @property
     def files(self) -> list[Path]:

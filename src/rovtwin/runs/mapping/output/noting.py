@@ -48,6 +48,8 @@ def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
         "run": None if inputs.run is None else inputs.run.resolve().name,
         "navigation": source,
         "floor": request.floor,
+        "floor_crs": request.floor_crs,
+        "floor_std": request.floor_std,
         "depth_m": request.depth,
         "dem_values": "height" if request.heights else "depth",
         "resolution_m": request.resolution,
