@@ -371,7 +371,7 @@ def map(
     from rovtwin.runs.mapping.request import MapRequest
 
     _known(settings, MapRequest)
-    for name in ("area", "points", "control"):
+    for name in ("area", "points", "control", "panel"):
         if settings.get(name) is not None:
             settings[name] = Path(settings[name])
     several = (lines,) if isinstance(lines, str | Path) else lines

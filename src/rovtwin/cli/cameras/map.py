@@ -51,6 +51,9 @@ def map_lines(
     water: Annotated[
         str | None, typer.Option(help="YAML with constituents, daylight and standard deviations, or truth.")
     ] = None,
+    panel: Annotated[
+        Path | None, typer.Option(help="YAML of a reference panel in the scene, which scales reflectance by band.")
+    ] = None,
     radiance: Annotated[
         bool, typer.Option("--radiance", help="Radiances as they are, where lamps or water are unknown.")
     ] = False,
@@ -110,7 +113,7 @@ def map_lines(
         float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points, register,
         control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
-        floor_crs, floor_std,
+        floor_crs, floor_std, panel,
     )  # fmt: skip
     check(run, request, out or folder / "mosaic", overwrite)
     from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before

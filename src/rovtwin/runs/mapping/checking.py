@@ -34,8 +34,11 @@ def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> 
     if run is not None:
         _check_run(run, request)
     with ExitStack() as opened:
-        for lines in in_order([opened.enter_context(LinesHead(path)) for path in request.files]):
+        files = in_order([opened.enter_context(LinesHead(path)) for path in request.files])
+        for lines in files:
             _check_lines(lines, run, request)
+        if request.panel is not None:
+            _check_panel(request, files[0])
     if request.crs != "utm":
         crs_of(request.crs, "--crs")
     if request.water not in (None, "truth"):
@@ -138,6 +141,15 @@ def _check_lines(lines: LinesHead, run: Path | None, request: MapRequest) -> Non
 def is_mesh(floor: str) -> bool:
     """Whether a floor is a file of a mesh, by its ending."""
     return Path(floor).suffix.lower() in MESHES
+
+
+def _check_panel(request: MapRequest, lines: LinesHead) -> None:
+    from rovtwin.runs.mapping.panel import read_panel
+
+    if request.radiance:
+        raise ConfigError("--panel: scales reflectance, and --radiance asks for none; leave one of them out")
+    assert request.panel is not None
+    read_panel(request.panel, None, lines.wavelengths, lines.fwhm)
 
 
 def _check_floor(request: MapRequest) -> None:

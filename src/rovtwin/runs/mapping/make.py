@@ -32,6 +32,7 @@ from rovtwin.runs.mapping.output.losses import losses
 from rovtwin.runs.mapping.output.noting import remove_old
 from rovtwin.runs.mapping.output.products import Products
 from rovtwin.runs.mapping.output.writing import write_all
+from rovtwin.runs.mapping.panel import Seen, about_range, seen_panel
 from rovtwin.runs.mapping.points import read_points
 from rovtwin.runs.mapping.registering import (
     UNITS,
@@ -86,10 +87,14 @@ def map_run(
         steps("joining", 0, 1)
         snr = inputs.lines.imager.file.smallest_snr
         joined = join(job, parts, out / CUBE, _what(inputs, job), snr)
-        unknown = _budget(inputs, job, unsure)
+        unknown = _budget(inputs, job, unsure, ready.panel)
         used, wavelengths = int(lines.use.sum()), inputs.lines.wavelengths
         remarks += lines.remarks + losses(counts, joined, used * inputs.lines.shape[1], wavelengths)
-        done = (remarks, counts, resumed, used, ready.registration, ready.area)
+        if ready.panel is not None:
+            given = request.water is not None or inputs.scene is not None
+            modelled = job.calibrated.correction.model is not None
+            remarks.append(about_range(ready.panel, joined.layers["range"][0], modelled, given))
+        done = (remarks, counts, resumed, used, ready.registration, ready.area, ready.panel)
         products = Products(inputs, job, joined, unknown, *done)
         mosaic = write_all(products, out, begun, steps)
         parts.remove()
@@ -107,6 +112,7 @@ class Ready:
         remarks: For people.
         registration: What it did; None without.
         area: That was to be seen, as rings of x and y; None: nobody says.
+        panel: What a reference panel did; None without.
     """
 
     job: Job
@@ -115,6 +121,7 @@ class Ready:
     remarks: list[str]
     registration: Registered | None
     area: Rings | None
+    panel: Seen | None = None
 
 
 def prepare(inputs: Inputs) -> Ready:
@@ -149,13 +156,17 @@ def prepare(inputs: Inputs) -> Ready:
     projection, grid = _laid_out(inputs, _places(georeference, t[chosen.use]), area, depth)
     more = None if errors is None else sigma_layers(errors, georeference, t, chosen.use, height)
     calibrated = Calibrated(lines, Correction(lines.imager, model))
+    panel = seen_panel(inputs, calibrated, georeference, t, chosen.use)
+    if panel is not None:
+        calibrated = Calibrated(lines, replace(calibrated.correction, factor=panel.factor))
+        words = words + panel.remarks
     units = {} if more is None else UNITS
     job = Job(calibrated, georeference, projection, grid, t, chosen.use, request.best, more, units)
     if navigation.dropped:
         remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
     unsure = water.model_copy(update={"height_sd": height})
     rings = None if area is None else on_map(area, projection)
-    return Ready(job, chosen, unsure, remarks + words, done, rings)
+    return Ready(job, chosen, unsure, remarks + words, done, rings, panel)
 
 
 def _crs(inputs: Inputs) -> Any:
@@ -233,8 +244,8 @@ def _what(inputs: Inputs, job: Job) -> str:
     return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {inputs.lines.name}"
 
 
-def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
-    """Of some lines spread over the survey; None for radiances."""
+def _budget(inputs: Inputs, job: Job, water: WaterFile, panel: Seen | None) -> Budget | None:
+    """Of some lines spread over the survey; None where no model of light is at hand."""
     if job.calibrated.correction.model is None:
         return None
     numbers = np.flatnonzero(job.use)
@@ -244,7 +255,8 @@ def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
         located = job.georeference.locate(job.t[number : number + 1])
         some.append((int(number), located, inputs.lines.read(number, number + 1)))
     assert water.height_sd is not None
-    return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd))
+    return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd),
+                  None if panel is None else panel.pixels)  # fmt: skip
 
 
 def key_of(inputs: Inputs, job: Job) -> str:
@@ -271,6 +283,8 @@ def key_of(inputs: Inputs, job: Job) -> str:
         arrays += list(job.more(job.t[some], job.georeference.locate(job.t[some])).values())
     if (model := job.calibrated.correction.model) is not None:
         arrays += [model.at_fine.absorption, model.at_fine.scattering, np.array([model.surface, model.below])]
+    if (factor := job.calibrated.correction.factor) is not None:
+        arrays.append(factor)
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -49,6 +49,7 @@ class MapRequest:
         crs: Coordinate system of the mosaic; `utm` for the zone that the datum lies in.
         radiance: Whether radiances are asked for, not reflectances.
         water: A file as `WaterFile`, `truth` (of the scene), or None: the truth where lines know it, else a coast's.
+        panel: A file as `runs.mapping.panel.PanelFile`, of a reference panel in the scene; None: without.
         best: Whether cells are taken from the lines that saw them best, else means of all.
         turn: Lines taken while the vehicle turns faster are left out [rad/s].
         clock_offset: What the imager's clock is ahead of the run's [s].
@@ -88,6 +89,7 @@ class MapRequest:
     datum: Datum | None = None
     floor_crs: str = "ned"
     floor_std: float | None = None
+    panel: Path | None = None
 
     @property
     def files(self) -> list[Path]:

@@ -264,15 +264,23 @@ class Inputs:
         given = usual if asked is None else parse(WaterFile, read_yaml(asked), Path(asked).name)
         remarks = ["water: taken for a usual coastal one; say --water for that of the dive"] if asked is None else []
         water = SpectralWater.of(given.constituents, fine_wavelengths(imager))
-        return self._lit(Radiometry(imager, water, LONGEST, given.daylight)), given, remarks
+        model = Radiometry(imager, water, LONGEST, given.daylight)
+        if self.request.panel is not None and not _has_light(model):
+            return None, given, ["light: as it is at the panel, as no lamps are described and there is no daylight"]
+        return self._lit(model), given, remarks
 
     def _lit(self, model: Radiometry) -> Radiometry:
-        if not model.imager.file.lamps and model.surface <= 0:
+        if not _has_light(model):
             raise ConfigError(
                 f"{model.imager.file.name}: has no lamps, and there is no daylight: nobody knows what light the floor "
-                "was in. Add lamps to the imager's file, daylight to --water, or say --radiance"
+                "was in. Add lamps to the imager's file, daylight to --water, lay a reference panel (--panel), or say "
+                "--radiance"
             )
         return model
+
+
+def _has_light(model: Radiometry) -> bool:
+    return bool(model.imager.file.lamps) or model.surface > 0
 
 
 def open_inputs(run: Path | None, request: MapRequest) -> Inputs:

@@ -57,6 +57,7 @@ def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
         "blend": "best" if request.best else "mean",
         "radiance": request.radiance,
         "water": request.water,
+        "panel": _text(request.panel),
         "turn_deg_s": float(np.degrees(request.turn)),
         "clock_offset_s": request.clock_offset,
         "from_s": _finite(request.begin),
@@ -74,7 +75,7 @@ def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
 def hashes_of(inputs: Inputs, source: str) -> dict[str, str]:
     """SHA-256 of the files that a mosaic was made of: lines, track and key frames or log, floor, water, points."""
     request = inputs.request
-    paths = [*(one.path for one in inputs.lines.files), request.control, request.area, request.points]
+    paths = [*(one.path for one in inputs.lines.files), request.control, request.area, request.points, request.panel]
     paths += [None if text is None else Path(text) for text in (request.water, request.floor)]
     if inputs.run is not None:
         names = ("log.mcap", "scenario.yaml") + (("smoothed.mcap", "smoothed_keys.nc") if source == "smoothed" else ())
