@@ -130,7 +130,7 @@ def seen_panel(
         pixels,
         factor,
         _figures(pixels, factor, spread),
-        _remarks(pixels, factor, spread, lines.wavelengths, calibrated),
+        _remarks(pixels, factor, spread, calibrated),
     )
 
 
@@ -141,6 +141,7 @@ def _figures(pixels: PanelPixels, factor: np.ndarray, spread: np.ndarray) -> dic
         "lines": len(pixels.lines),
         "range_m": float(np.mean(pixels.ways)),
         "spread": float(np.nanmedian(spread[np.isfinite(factor)])),
+        "reflectance": pixels.panel.reflectance.tolist(),
         "factor": [float(x) if np.isfinite(x) else None for x in factor],
     }
 
@@ -171,7 +172,7 @@ def about_range(seen: Seen, ways: Float[np.ndarray, "row column"], modelled: boo
     """A remark on what the panel cannot put right: water between its range and that of the scene."""
     low, high = (float(q) for q in np.nanpercentile(ways, [5.0, 95.0]))
     here = float(np.mean(seen.pixels.ways))
-    begin = f"panel at {here:.2f} m, the mosaic at {low:.2f} to {high:.2f} m (95 %, 5 %)"
+    begin = f"panel at {here:.2f} m, the mosaic at {low:.2f} to {high:.2f} m (5 %, 95 %)"
     if not modelled:
         return f"{begin}: nothing corrects for range, lamps' beams or lean; all is taken to be lit as the panel is"
     if not given:
