@@ -44,7 +44,7 @@ BAD = [
     (
         WHOLE.replace("0.2", "grey.csv"),
         "wavelength,a,b\n400,0.2,0.2\n700,0.2,0.2\n",
-        "found a, b, expected one spectrum",
+        "has 2 spectra, expected one",
     ),
     (WHOLE.replace("0.2", "grey.csv"), "nm,a\n400,0.2\n700,0.2\n", "--panel: reflectance .*expected wavelength"),
 ]
@@ -56,7 +56,7 @@ def test_what_is_wrong_in_the_file_is_named(tmp_path, text, spectrum, message):
         panel(tmp_path, text, spectrum)
 
 
-def test_what_a_panel_cannot_put_right_is_said():
+def test_what_a_panel_cannot_put_right_is_in_the_remark():
     seen = SimpleNamespace(pixels=SimpleNamespace(ways=np.array([1.1, 1.3])))
     ways = np.linspace(1.0, 2.0, 101).reshape(1, -1)
     for modelled, given, words in ((False, False, "nothing corrects for range"), (True, False, "a guess"),

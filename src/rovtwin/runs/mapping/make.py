@@ -156,7 +156,7 @@ def prepare(inputs: Inputs) -> Ready:
     projection, grid = _laid_out(inputs, _places(georeference, t[chosen.use]), area, depth)
     more = None if errors is None else sigma_layers(errors, georeference, t, chosen.use, height)
     calibrated = Calibrated(lines, Correction(lines.imager, model))
-    panel = seen_panel(inputs, calibrated, georeference, t, chosen.use)
+    panel = seen_panel(inputs.request.panel, inputs.datum, calibrated, georeference, t, chosen.use)
     if panel is not None:
         calibrated = Calibrated(lines, replace(calibrated.correction, factor=panel.factor))
         words = words + panel.remarks

@@ -15,7 +15,6 @@ from rovtwin.mapping.cells.panel import Panel, PanelPixels, look_at
 from rovtwin.mapping.cells.radiometry import Calibrated
 from rovtwin.mapping.classes.library import read_library
 from rovtwin.mapping.georeference import Georeference
-from rovtwin.runs.mapping.sources import Inputs
 
 _UNEVEN = 0.10  # by how much a panel's pixels may differ without a remark
 _FAR_OFF = 2.0  # times by which radiances may be off without a remark
@@ -103,7 +102,8 @@ def _spectrum(
 
 
 def seen_panel(
-    inputs: Inputs,
+    path: Path | None,
+    datum: Datum,
     calibrated: Calibrated,
     where: Georeference,
     t: Float[np.ndarray, " line"],
@@ -114,10 +114,10 @@ def seen_panel(
     Raises:
         ConfigError: It cannot be used, was not seen, or is full, or hidden by noise in all bands.
     """
-    if inputs.request.panel is None:
+    if path is None:
         return None
-    lines = inputs.lines
-    panel = read_panel(inputs.request.panel, inputs.datum, lines.wavelengths, lines.fwhm)
+    lines = calibrated.lines
+    panel = read_panel(path, datum, lines.wavelengths, lines.fwhm)
     pixels = look_at(panel, calibrated, where, t, use)
     noise, largest = pixels.noise(), 1.0 / lines.imager.file.smallest_snr
     factor = pixels.factor(calibrated.correction)
