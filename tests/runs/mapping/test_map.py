@@ -15,7 +15,7 @@ import pytest
 import rasterio
 import trimesh
 import yaml
-from tests.imaging.helper import cut, imager
+from tests.imaging.helper import cut, data, imager
 from typer.testing import CliRunner
 
 import rovtwin
@@ -111,9 +111,8 @@ def test_a_plate_is_where_it_lies_to_a_tenth_of_a_cell_and_as_bright_as_it_is(by
 
 
 def test_a_panel_puts_right_lamps_that_are_wrong_and_says_what_it_did(run, by_truth, tmp_path):
-    wrong = imager(pixels=120)
-    for lamp in wrong.file.lamps:
-        lamp.radiant_flux *= 1.5
+    lamps = [lamp | {"radiant_flux": 1.5 * lamp["radiant_flux"]} for lamp in data()["lamps"]]
+    wrong = imager(pixels=120, lamps=lamps)
     (tmp_path / "panel.csv").write_text("wavelength,reflectance\n400,0.5\n700,0.5\n")
     panel = tmp_path / "panel.yaml"
     panel.write_text(f"north: {PLATE[0]}\neast: {PLATE[1]}\nradius: 0.09\nreflectance: panel.csv\nsd: 0.01\n")
@@ -127,7 +126,7 @@ def test_a_panel_puts_right_lamps_that_are_wrong_and_says_what_it_did(run, by_tr
     rows = np.genfromtxt(tmp_path / "m" / "uncertainty.csv", delimiter=",", names=True)
     assert not rows["lamps"].any() and (rows["panel"] > 0.0099).all()
     words = " ".join(found.remarks())
-    assert "radiances are multiplied by 1.5" in words and "that of the water as stated" in words
+    assert "radiances are multiplied by 1.4" in words and "that of the water as stated" in words
     assert {"panel.yaml"} <= found.about["sha256"].keys()
     (tmp_path / "panel.csv").write_text("wavelength,reflectance\n500,0.5\n700,0.5\n")
     with pytest.raises(ConfigError, match="panel.csv: has 500 to 700 nm, expected those of the bands, 450 to 650 nm"):

@@ -23,7 +23,7 @@ _FAR_OFF = 2.0  # times by which radiances may be off without a remark
 class PanelFile(Strict):
     """A reference panel, for `--panel`."""
 
-    name: str = "panel"
+    name: str = "reference"
     north: Number | None = Field(None, description="of its middle [m]; or latitude and longitude")
     east: Number | None = Field(None, description="[m]")
     latitude: Number | None = Field(None, description="[deg]")
