@@ -7,6 +7,7 @@ import pytest
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.runs.mapping.classification.sources import _errors
 from rovtwin.runs.mapping.panel import about_range, read_panel
 
 BANDS, FWHM = np.array([450.0, 500.0, 550.0, 600.0, 650.0]), np.full(5, 4.0)
@@ -63,3 +64,13 @@ def test_what_a_panel_cannot_put_right_is_in_the_remark():
                                    (True, True, "as stated")):  # fmt: skip
         remark = about_range(seen, ways, modelled, given)  # type: ignore[arg-type]
         assert remark.startswith("panel at 1.20 m, the mosaic at 1.05 to 1.95 m (5 %, 95 %)") and words in remark
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_classes_count_the_error_of_a_panel_in_place_of_that_of_the_lamps(older):
+    stated = {"height": 0.03 * np.ones(5), "water": 0.1 * np.ones(5), "lamps": np.zeros(5), "panel": 0.02 * np.ones(5)}
+    if older:  # made before panels were
+        stated |= {"lamps": 0.05 * np.ones(5), "panel": None}
+    mosaic = SimpleNamespace(budget=lambda name, later=False: stated[name])
+    errors, remarks = _errors(mosaic, np.arange(5))  # type: ignore[arg-type]
+    assert set(errors) == {"height", "water", "lamps" if older else "panel"} and not remarks

@@ -226,7 +226,7 @@ def _noise(mosaic: Mosaic, bands: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _errors(mosaic: Mosaic, bands: np.ndarray) -> tuple[dict[str, np.ndarray], list[str]]:
-    found = {name: mosaic.budget(name) for name in ERRORS}
+    found = {name: mosaic.budget(name, name == "panel") for name in ERRORS}
     errors = {name: d[bands] for name, d in found.items() if d is not None and np.nansum(np.abs(d[bands])) > 0.0}
     errors = {name: np.nan_to_num(d) for name, d in errors.items()}
     without = [name for name in ERRORS if name not in errors and name != ("lamps" if "panel" in errors else "panel")]

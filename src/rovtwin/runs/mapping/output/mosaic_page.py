@@ -55,7 +55,8 @@ def write_mosaic_page(
     if products.budget is not None:
         b = products.budget
         parts = {"noise of a pixel": b.noise, "floor's height": b.height, "water": b.water, "lamps": b.lamps}
-        parts |= {"panel": b.panel} if products.panel is not None else {}
+        if products.panel is not None:  # takes the place of the lamps
+            parts["panel"] = parts.pop("lamps") + b.panel
         shown = figures.budget(b.wavelengths, parts, None if agreed is None else agreed.by_band, products.joined.masked)
         pictures.append(
             save(shown, out, "uncertainty", "How sure reflectance is",
