@@ -344,13 +344,17 @@ def _known(settings: Mapping[str, Any], kind: Any) -> None:
 
 
 def map(
-    run: str | Path | None, lines: str | Path, folder: str | Path = "mosaic", overwrite: bool = False, **settings: Any
+    run: str | Path | None,
+    lines: str | Path | Sequence[str | Path],
+    folder: str | Path = "mosaic",
+    overwrite: bool = False,
+    **settings: Any,
 ) -> "Mosaic":
     """A georeferenced mosaic of an imager's lines, in a folder of files that other programs open.
 
     Args:
         run: Folder of the run on which they were taken, or its log; None: the file of lines has its own navigation.
-        lines: File of lines, of `rovtwin scan` or of an instrument.
+        lines: File of lines, of `rovtwin scan` or of an instrument; or several of one dive, or a folder of them.
         folder: To make.
         overwrite: Whether a mosaic that is there may be replaced.
         settings: What differs, by the names of `runs.mapping.request.MapRequest`: floor, navigation, resolution, ..
@@ -367,10 +371,12 @@ def map(
     from rovtwin.runs.mapping.request import MapRequest
 
     _known(settings, MapRequest)
-    for name in ("area", "points", "control"):
+    for name in ("area", "points", "control", "panel"):
         if settings.get(name) is not None:
             settings[name] = Path(settings[name])
-    request, path = MapRequest(Path(lines), **settings), None if run is None else Path(run)
+    several = (lines,) if isinstance(lines, str | Path) else lines
+    request = MapRequest(tuple(Path(one) for one in several), **settings)
+    path = None if run is None else Path(run)
     check(path, request, Path(folder), overwrite)
     from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before
 

@@ -1,5 +1,7 @@
 """A small imager, and a file of its lines."""
 
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,3 +49,35 @@ def head(lines: int = 7, truth: bool = False, **given: Any) -> Head:
         Navigation(t, place, euler, "estimate"),
         known if truth else None,
     )
+
+
+def cut(path: Path, folder: Path, edges: Sequence[int], change: Callable[[Any, int], None] | None = None) -> list[Path]:
+    """A file of lines cut at some lines into files of their own, as instruments do; each keeps the whole navigation."""
+    import netCDF4
+
+    folder.mkdir(exist_ok=True)
+    found = []
+    with netCDF4.Dataset(path) as source:
+        source.set_auto_maskandscale(False)
+        ends = [0, *edges, len(source.dimensions["line"])]
+        for k, (a, b) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            found.append(folder / f"dive_transectnr_0_chunknr_{k}.h5")
+            with netCDF4.Dataset(found[-1], "w") as target:
+                target.set_auto_maskandscale(False)
+                _copy(source, target, slice(a, b))
+                if change is not None:
+                    change(target, k)
+    return found
+
+
+def _copy(source: Any, target: Any, part: slice) -> None:
+    for name, dimension in source.dimensions.items():
+        target.createDimension(name, part.stop - part.start if name == "line" else len(dimension))
+    for name, variable in source.variables.items():
+        kind = str if variable.dtype is str else variable.dtype
+        new = target.createVariable(name, kind, variable.dimensions, fill_value=False if kind is not str else None)
+        of_lines = variable.dimensions[:1] == ("line",)
+        new[...] = variable[part] if of_lines else variable[...]
+        new.setncatts({key: variable.getncattr(key) for key in variable.ncattrs() if key != "_FillValue"})
+    for name, group in source.groups.items():
+        _copy(group, target.createGroup(name), part)

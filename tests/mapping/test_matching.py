@@ -63,6 +63,7 @@ def test_of_more_patches_than_are_tried_those_that_are_lie_all_along_the_overlap
     every, some = match_strips(strips((1.0, 1.0))), match_strips(strips((1.0, 1.0)), replace(USUAL, most=4))
     assert len(some.t) == 4 < len(every.t)
     assert some.t[0, 0] == every.t[0, 0] and some.t[-1, 0] == every.t[-1, 0]
+    assert some.untried == len(every.t) - 4 and every.untried == 0
 
 
 def test_a_long_oblique_run_is_cut_so_that_grids_stay_small():

@@ -5,6 +5,7 @@ from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import near, parse, parse_yaml, read_yaml
+from rovtwin.core.user_files.files import is_file
 from rovtwin.imaging.schema import ImagerFile
 
 LIBRARY = Path(__file__).parent / "library"
@@ -25,9 +26,9 @@ def load_imager_file(name_or_path: str | Path) -> ImagerFile:
     path = Path(text).expanduser()
     if path.suffix not in (".yaml", ".yml") and "/" not in text:
         path = LIBRARY / f"{text}.yaml"
-        if not path.is_file():
+        if not is_file(path):
             raise ConfigError(f"{text}: no such imager in the library, and no file.{near(text, list_imagers())}")
-    elif not path.exists() and path.name == text and (LIBRARY / path.name).is_file():
+    elif not is_file(path) and path.name == text and is_file(LIBRARY / path.name):
         path = LIBRARY / path.name  # written with its suffix, and still the library's
     return parse(ImagerFile, read_yaml(path), path.name)
 

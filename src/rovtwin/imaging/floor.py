@@ -1,7 +1,7 @@
 """The floor that rays meet: its depth by place, and where a ray comes to it."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +53,17 @@ class FloorHits:
     normal: Float[np.ndarray, "*n 3"]
 
 
+@runtime_checkable
+class Cast(Protocol):
+    """A floor that knows itself where rays first meet it, such as a mesh, which may have several depths at a place."""
+
+    def hits(
+        self, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"], longest: float
+    ) -> FloorHits:
+        """As `floor_hits`."""
+        ...
+
+
 def normals(slope: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 3"]:
     """Unit normals of the floor, into the water (up), in n."""
     upward = np.concatenate([slope, -np.ones((*slope.shape[:-1], 1))], axis=-1)
@@ -92,6 +103,8 @@ def floor_hits(
     floor: Floor, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"], longest: float
 ) -> FloorHits:
     """Of rays from where they enter the water, n [m], along unit vectors; none is longer than `longest` [m]."""
+    if isinstance(floor, Cast):
+        return floor.hits(origin, direction, longest)
     way = ways_to(floor, origin, direction, longest)
     point = origin + way[..., None] * direction
     return FloorHits(way, point, normals(floor.depth_and_slope(np.nan_to_num(point[..., :2]))[1]))

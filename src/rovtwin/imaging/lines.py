@@ -6,6 +6,7 @@ the imager's file, where it sits, the datum, and where a simulation made the lin
 instrument without that group is read, too, when its imager's description is given beside it.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -93,7 +94,7 @@ class LinesHead:
             raise LogError(f"{self.path}: {WAVELENGTHS}: expected wavelengths that grow [nm]")
         stored = self._found(FWHM)
         self.fwhm = np.gradient(self.wavelengths) if stored is None else self._vector(FWHM, bands, "bands")
-        self.datum = datum_of({"datum": self._text("datum") or ""})
+        self.datum = datum_of({"datum": self.text("datum") or ""})
         stamps = self._vector(STAMP, lines, "lines")
         self.t = stamps - self._start
         check_stamps(self.t, str(self.path))
@@ -112,6 +113,21 @@ class LinesHead:
         """Lines, pixels, bands."""
         lines, pixels, bands = self._cube.shape
         return int(lines), int(pixels), int(bands)
+
+    @property
+    def files(self) -> Sequence["LinesHead"]:
+        """The files that the lines lie in, in order of time: this one."""
+        return [self]
+
+    def pieces(self, first: int, last: int) -> Iterator[tuple["LinesHead", int, int]]:
+        """The files that lines `first` up to, without, `last` lie in, and their numbers there."""
+        yield self, first, last
+
+    @property
+    def name(self) -> str:
+        """Of the file, or of the first of several and how many more there are."""
+        more = len(self.files) - 1
+        return self.path.name + (f" and {more} more" if more else "")
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
@@ -222,9 +238,15 @@ class LinesHead:
             raise LogError(f"{self.path}: {name}: expected times above 0 [ms]")
         return np.broadcast_to(values, (count,))
 
-    def _text(self, name: str) -> str | None:
+    def text(self, name: str) -> str | None:
+        """A text of the group `rovtwin`, such as the imager's file; None where there is none."""
         found = self._found(f"{OWN}/{name}")
         return None if found is None else str(found[...])
+
+    def stated(self, name: str) -> Float[np.ndarray, "..."] | None:
+        """Numbers of the group `rovtwin`, such as the place of the mount; None where there are none."""
+        found = self._found(f"{OWN}/{name}")
+        return None if found is None else np.asarray(found[...], float)
 
 
 class LinesFile(LinesHead):
@@ -262,12 +284,12 @@ class LinesFile(LinesHead):
         t, position, attitude, floor = (
             np.asarray(self._file[f"{OWN}/truth/{name}"][:]) for name in ("t", "position", "attitude", "floor")
         )
-        return Truth(t, position, attitude, self._mount("truth/mount"), self._text("truth/scene") or "", floor)
+        return Truth(t, position, attitude, self._mount("truth/mount"), self.text("truth/scene") or "", floor)
 
     def _own_imager(self) -> "Imager":
         from rovtwin.imaging.imager import Imager
 
-        text = self._text("imager")
+        text = self.text("imager")
         if text is None:
             raise LogError(
                 f"{self.path}: says nothing of the imager's lens and port. Describe it in a file such as "
@@ -279,7 +301,7 @@ class LinesFile(LinesHead):
         from rovtwin.imaging.imager import Mount
 
         position, rotation = (np.asarray(self._file[f"{OWN}/{name}_{part}"][:]) for part in ("position", "rotation"))
-        return Mount(position, rotation, self._text(f"{name}_name") or "")
+        return Mount(position, rotation, self.text(f"{name}_name") or "")
 
 
 def check_stamps(t: Float[np.ndarray, " line"], where: str) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.user_files.files import write_bytes, write_text
+from rovtwin.core.user_files.files import is_file, write_bytes, write_text
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.simulation.camera.sensor import CameraSection
 from rovtwin.simulation.scene import is_scene_file, load_scene
@@ -51,7 +51,7 @@ def _copy_scene(name: str, target: Path) -> None:
     meshes = [item["mesh"] for item in data.get("objects", []) if item.get("mesh") is not None]
     for mesh in meshes:
         source = scene.folder / Path(mesh["file"]).expanduser()
-        if not source.is_file():
+        if not is_file(source):
             raise ConfigError(f"{scene.where}: objects: mesh: found file {mesh['file']}, but there is no file {source}")
         mesh["file"] = str(source)
     target.parent.mkdir(exist_ok=True)
@@ -86,7 +86,7 @@ def found_beside(data: dict[str, Any], base: Path) -> dict[str, Any]:
 
     def found(file: str) -> str:
         here = base / Path(file).expanduser()
-        return str(here.resolve()) if here.is_file() else file
+        return str(here.resolve()) if is_file(here) else file
 
     def camera(item: Any) -> Any:
         named = isinstance(item, dict) and isinstance(item.get("scene"), str) and is_scene_file(item["scene"])

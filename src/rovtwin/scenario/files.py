@@ -11,6 +11,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.core.trust import consent_to_addresses
 from rovtwin.core.user_files.config import Strict, near, parse, parse_yaml, read_yaml
+from rovtwin.core.user_files.files import is_file
 from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.scenario.assets import found_beside
 from rovtwin.scenario.paths import is_name, separated, set_at, steps_of
@@ -94,7 +95,7 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
         data["mission"] = load_mission(data["mission"], base).model_dump(exclude_unset=True)
     if isinstance(data.get("autopilot"), str):
         data["autopilot"] = _autopilot(data["autopilot"], base)
-    if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
+    if base is not None and isinstance(data.get("vehicle"), str) and is_file(base / data["vehicle"]):
         data["vehicle"] = str(base / data["vehicle"])
     return parse(Scenario, data if base is None else found_beside(data, base), where)
 
@@ -108,7 +109,7 @@ def load_mission(name: str, base: Path | None = None) -> MissionSection:
     shipped = _ROOT / "missions" / f"{name}.yaml"
     candidates = [*([base / name] if base else []), Path(name), shipped]
     for path in candidates:
-        if path.is_file():
+        if is_file(path):
             return parse(MissionSection, read_yaml(path), path.name)
     raise ConfigError(_no_such("mission", name, list_missions()))
 
@@ -117,7 +118,7 @@ def _autopilot(name: str, base: Path | None = None) -> str | dict[str, Any]:
     """What stands in the file of an autopilot; the name itself where it is a preset, or nothing that is there."""
     if name not in PRESETS:
         for path in (*([base / name] if base else []), Path(name)):
-            if path.is_file():
+            if is_file(path):
                 return read_yaml(path)
     return name
 
@@ -131,7 +132,7 @@ def find_scenario(name: str) -> tuple[dict[str, Any], str, Path | None]:
     known = list_scenarios()
     stem, added = _without_variants(name, known)
     path = _ROOT / "library" / f"{stem}.yaml" if stem in known else Path(name)
-    if not path.is_file():
+    if not is_file(path):
         raise ConfigError(_no_such("scenario", name, known))
     data = read_yaml(path)
     called = _name_from(path)

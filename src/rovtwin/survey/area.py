@@ -93,7 +93,7 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: No such file, not JSON, or of another coordinate system.
     """
-    if not path.is_file():
+    if not given.is_file(path):
         read_yaml(path)  # says what is wrong with the path
     try:
         data = json.loads(given.read_text(path))

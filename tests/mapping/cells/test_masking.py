@@ -60,7 +60,8 @@ def job_of(folder):
         value = [0.3, 0.2, 0.25, 0.0] + sigma * rng.standard_normal(sigma.shape)
         parts.add(number, gridded(cells, rng.random(1700), rng.random((1700, 4)), value, sigma**2), {})
     lines = SimpleNamespace(wavelengths=WAVELENGTHS, fwhm=np.full(bands, 4.0))
-    calibrated = SimpleNamespace(lines=lines, has_noise=True, correction=SimpleNamespace(model=object()))
+    correction = SimpleNamespace(reflects=True, factor=None)
+    calibrated = SimpleNamespace(lines=lines, has_noise=True, correction=correction)
     names = ["range", "incidence", "time", "depth"]
     job = SimpleNamespace(
         calibrated=calibrated, grid=grid, layer_names=names, numbers=range(2), best=True, units=lambda: UNITS

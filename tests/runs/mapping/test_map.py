@@ -13,8 +13,9 @@ import netCDF4
 import numpy as np
 import pytest
 import rasterio
+import trimesh
 import yaml
-from tests.imaging.helper import imager
+from tests.imaging.helper import cut, data, imager
 from typer.testing import CliRunner
 
 import rovtwin
@@ -109,6 +110,42 @@ def test_a_plate_is_where_it_lies_to_a_tenth_of_a_cell_and_as_bright_as_it_is(by
     assert np.nanmedian(by_truth.spectrum(*middle)) == pytest.approx(0.5, rel=0.05)
 
 
+def test_a_panel_puts_right_lamps_that_are_wrong_and_says_what_it_did(run, by_truth, tmp_path):
+    lamps = [lamp | {"radiant_flux": 1.5 * lamp["radiant_flux"]} for lamp in data()["lamps"]]
+    wrong = imager(pixels=120, lamps=lamps)
+    (tmp_path / "panel.csv").write_text("wavelength,reflectance\n400,0.5\n700,0.5\n")
+    panel = tmp_path / "panel.yaml"
+    panel.write_text(f"north: {PLATE[0]}\neast: {PLATE[1]}\nradius: 0.09\nreflectance: panel.csv\nsd: 0.01\n")
+    request = MapRequest(run / "lines.h5", "truth", "truth", resolution=0.02, turn=1.0, imager=wrong)
+    off = map_run(run, request, tmp_path / "off")
+    found = map_run(run, replace(request, panel=panel), tmp_path / "m")
+    assert off.about["figures"]["error_median"] > 0.25
+    assert found.about["figures"]["error_median"] < by_truth.about["figures"]["error_median"] + 0.02
+    about = found.about["figures"]["panel"]
+    assert about["pixels"] > 100 and np.median(about["factor"]) == pytest.approx(1.5, rel=0.05)
+    rows = np.genfromtxt(tmp_path / "m" / "uncertainty.csv", delimiter=",", names=True)
+    assert not rows["lamps"].any() and (rows["panel"] > 0.0099).all()
+    words = " ".join(found.remarks())
+    assert "radiances are multiplied by 1.4" in words and "that of the water as stated" in words
+    assert {"panel.yaml"} <= found.about["sha256"].keys()
+    (tmp_path / "panel.csv").write_text("wavelength,reflectance\n500,0.5\n700,0.5\n")
+    with pytest.raises(ConfigError, match="panel.csv: has 500 to 700 nm, expected those of the bands, 450 to 650 nm"):
+        map_run(run, replace(request, panel=panel), tmp_path / "n")
+
+
+def test_a_mesh_with_the_plate_on_it_makes_the_mosaic_of_the_true_floor(run, by_truth, tmp_path):
+    corners = [[n, e, 5.0] for n in (-3.0, 5.0) for e in (-3.0, 5.0)]
+    mesh = trimesh.Trimesh(corners, [[0, 1, 3], [0, 3, 2]], process=False)
+    mesh.export(tmp_path / "floor.obj")
+    request = MapRequest(
+        run / "lines.h5", "truth", str(tmp_path / "floor.obj"), resolution=0.02, turn=1.0, floor_std=0.03
+    )
+    found = map_run(run, request, tmp_path / "m")
+    assert (tmp_path / "m" / "cube.img").read_bytes() == (by_truth.folder / "cube.img").read_bytes()
+    assert "mesh floor.obj, 2 of 2 triangles" in " ".join(found.remarks())
+    assert found.about["settings"]["floor_std"] == 0.03 and "floor.obj" in found.about["sha256"]
+
+
 def test_estimates_move_it_as_they_are_off_and_the_altimeter_gives_the_floor(run, tmp_path):
     found = map_run(run, MapRequest(run / "lines.h5", "estimate", resolution=0.02, turn=1.0), tmp_path / "m")
     middle = project(DATUM, rasterio.crs.CRS.from_user_input("EPSG:32632"), np.array([[*(PLATE + [0.05, 0.0]), 5.0]]))
@@ -165,6 +202,36 @@ def test_killed_it_goes_on_to_the_same_mosaic(run, by_truth, tmp_path):
     assert not (out / ".parts").exists()
 
 
+def test_lines_in_three_files_make_the_same_mosaic_to_the_last_bit_also_when_broken_off(run, by_truth, tmp_path):
+    pieces = cut(run / "lines.h5", tmp_path / "cut", [33, 70])  # none at the edge of a block
+    request = MapRequest(
+        (pieces[1], pieces[2], pieces[0]), "truth", "truth", resolution=0.02, formats=("envi", "cog"), turn=1.0
+    )
+    first: list[int] = []
+
+    def broken(what, done, count):
+        first.append(done)
+        if what == "lines" and done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        map_run(run, request, tmp_path / "m", progress=broken)
+    found = map_run(run, request, tmp_path / "m")
+    assert found.about["figures"]["resumed_parts"] >= 1 and first
+    for name in ("cube.img", "layers.tif", "spectra.csv", "uncertainty.csv"):
+        assert (tmp_path / "m" / name).read_bytes() == (by_truth.folder / name).read_bytes()
+    assert found.about["settings"]["lines"] == [path.name for path in pieces]
+    assert {path.name for path in pieces} <= found.about["sha256"].keys()
+    assert "chunknr_0.h5 and 2 more" in (tmp_path / "m" / "report.html").read_text()
+    of_folder = rovtwin.map(
+        run, tmp_path / "cut", tmp_path / "f", navigation="lines", floor="plane", depth=5.0, turn=1.0, resolution=0.02
+    )
+    alone = rovtwin.map(
+        run, run / "lines.h5", tmp_path / "o", navigation="lines", floor="plane", depth=5.0, turn=1.0, resolution=0.02
+    )
+    assert (of_folder.folder / "cube.img").read_bytes() == (alone.folder / "cube.img").read_bytes()
+
+
 def test_places_are_those_of_a_file(run, tmp_path):
     (tmp_path / "p.csv").write_text("name,north,east\nplate,0.55,1.0\nfar away,50,50\n")
     request = MapRequest(run / "lines.h5", "truth", "plane", 5.0, resolution=0.05, points=tmp_path / "p.csv", turn=1.0)
@@ -186,6 +253,13 @@ BAD = [
     ({"water": "nothing.yaml"}, ConfigError, "nothing.yaml"),
     ({"formats": ("envi", "shape")}, ConfigError, "--formats: found 'shape'"),
     ({"register": True}, ConfigError, "rovtwin smooth"),
+    ({"floor": "reef.vtk"}, ConfigError, "meshes are read as .ply, .obj, .stl, .off"),
+    ({"floor": "none.ply"}, ConfigError, "--floor none.ply: cannot be read: No such file"),
+    ({"floor_crs": "EPSG:32632"}, ConfigError, "--floor-crs: says in which frame a mesh is"),
+    ({"floor_std": 0.1}, ConfigError, "--floor altimeter says itself how unsure it is"),
+    ({"floor": "plane", "floor_std": -0.1}, ConfigError, "--floor-std: found -0.1 m"),
+    ({"panel": Path("none.yaml")}, ConfigError, "none.yaml"),
+    ({"panel": Path("none.yaml"), "radiance": True}, ConfigError, "leave one of them out"),
     ({"lines": Path("none.h5")}, LogError, "none.h5: cannot be read"),
 ]
 

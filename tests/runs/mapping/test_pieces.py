@@ -1,26 +1,29 @@
 """Pieces of a map: gaps beyond its edge, runs that are used, places without a number, old files, losses, the note."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.imaging.helper import head
+from tests.imaging.helper import cut, head
 from tests.mapping.helper import moving
 from tests.runs.mapping.test_sources import CUBE
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.imaging.lines_writer import write_lines
 from rovtwin.mapping.alignment.strips import straight_runs
+from rovtwin.mapping.alignment.ties import Ties
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.report.mapping import figures
 from rovtwin.runs.mapping.area import gaps_of, hull_of
+from rovtwin.runs.mapping.control import read_control
 from rovtwin.runs.mapping.make import _laid_out
 from rovtwin.runs.mapping.output.losses import losses
 from rovtwin.runs.mapping.output.noting import WHAT, hashes_of, remove_old, settings_of
 from rovtwin.runs.mapping.points import Point, read_points, without_value
-from rovtwin.runs.mapping.registering import filled, read_control, used_runs
+from rovtwin.runs.mapping.registering import _untried, filled, used_runs
 from rovtwin.runs.mapping.request import MapRequest
+from rovtwin.runs.mapping.residuals import Residuals
 from rovtwin.runs.mapping.sources import Inputs, open_inputs
 
 GRID = Grid("EPSG:32632", 100.0, 50.0, 0.1, 40, 60)  # 6 x 4 m
@@ -55,6 +58,13 @@ def test_runs_are_cut_where_lines_are_not_used():
     assert t[pieces[0][-1]] < 8.0 and use[pieces[0]].all()
 
 
+def test_patches_that_were_not_tried_are_counted_in_a_remark():
+    none = Ties(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
+    assert _untried(none) == []
+    (remark,) = _untried(replace(none, untried=500))
+    assert remark.startswith("of 2500 patches of the overlaps 2000")
+
+
 def test_nodes_without_a_floor_take_the_value_of_the_nearest_that_has_one():
     table = np.array([[0.0, 0.0, 3.0], [0.0, 2.0, 4.0]])
     found = filled(table, table > 0)
@@ -81,6 +91,44 @@ def test_control_points_of_lines_that_are_not_used_are_left_out_and_named(tmp_pa
     path.write_text("name,line,pixel,north,east,sd\nA,9,2,0,0,0.1\n")
     with pytest.raises(ConfigError, match=r"row 2 \(A\): found line 9"):
         read_control(path, inputs, inputs.times, np.ones(7, bool))
+
+
+def test_control_points_count_through_all_files_or_in_the_one_they_name(tmp_path):
+    whole = write_lines(tmp_path / "lines.h5", head(), [CUBE])
+    pieces = cut(whole, tmp_path / "cut", [2, 3])
+    points = tmp_path / "p.csv"
+    rows = [f"A,{pieces[2].name},1,2,0,0,0.1", "B,,4,2,0,0,0.1", f"C,{pieces[1]},0,2,0,0,0.1"]
+    points.write_text("\n".join(["name,file,line,pixel,north,east,sd", *rows]) + "\n")
+    several = open_inputs(None, MapRequest((tmp_path / "cut",)))
+    with several.lines:
+        control, _ = read_control(points, several, several.times, np.ones(7, bool))
+        assert control is not None and np.array_equal(control.t, several.times[[4, 4, 2]])
+        for name, line, message in (
+            ("x.h5", 1, r"row 2 \(D\): found the file 'x.h5', which is 0 of the files of lines"),
+            (pieces[1].name, 1, r"found line 1, .*expected lines from 0 to 0"),
+        ):
+            points.write_text(f"name,file,line,pixel,north,east,sd\nD,{name},{line},2,0,0,0.1\n")
+            with pytest.raises(ConfigError, match=message):
+                read_control(points, several, several.times, np.ones(7, bool))
+
+
+def test_a_tie_says_the_line_of_each_file(inputs):
+    there = Residuals(None, None, np.zeros((0, 2)), 5.0, (2, 1, 4), ("a", "b", "c"))  # type: ignore[arg-type]
+    found = there._in_files(np.array([1.25, 2.0, 3.5]))
+    assert found == {"files": ["a", "b", "c"], "lines_in_files": [1.25, 0.0, 0.5]}
+    assert replace(there, counts=(7,), files=("a",))._in_files(np.array([1.25])) == {}
+
+
+def test_files_of_one_name_have_each_their_hash(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        write_lines(tmp_path / name / "lines.h5", replace(head(), t=head().t + 9.0 * (name == "two")), [CUBE])
+    several = open_inputs(None, MapRequest((tmp_path / "one", tmp_path / "two" / "lines.h5")))
+    with several.lines:
+        assert set(hashes_of(several, "lines")) == {"one/lines.h5", "two/lines.h5"}
+    (tmp_path / "none").mkdir()
+    with pytest.raises(ConfigError, match="none: is a folder without files"):
+        _ = MapRequest((tmp_path / "none",)).files
 
 
 def test_places_without_a_value_are_named():

@@ -16,14 +16,31 @@ def map_lines(
         typer.Argument(metavar="[RUN]", help="Folder of the run, or its log. Without: navigation of the lines' file."),
     ] = None,
     lines: Annotated[
-        Path | None, typer.Option(help="File of lines, of `rovtwin scan` or an imager; default lines.h5 in RUN.")
+        list[Path] | None,
+        typer.Option(
+            help="File of lines, of `rovtwin scan` or an imager; again for each more of the dive, or a folder of "
+            "them; default lines.h5 in RUN."
+        ),
     ] = None,
     floor: Annotated[
-        str, typer.Option(help="altimeter (smooth through its echoes), plane, truth, or a raster file of heights.")
+        str,
+        typer.Option(help="altimeter (smooth through its echoes), plane, truth, a raster file of heights, a mesh."),
     ] = "altimeter",
+    floor_crs: Annotated[
+        str,
+        typer.Option(help="Frame of a mesh: ned (north, east, down of the datum), enu, or such as EPSG:32632."),
+    ] = "ned",
+    floor_std: Annotated[
+        float | None,
+        typer.Option(help="Of the height of a plane, raster file or mesh [m]; default 0.1, 0.05, 0.05."),
+    ] = None,
     depth: Annotated[float | None, typer.Option(help="Of the plane [m]; default the altimeter's median.")] = None,
     dem_values: Annotated[
-        str, typer.Option(help="Numbers of a raster file: height over the ellipsoid, up, or depth below the water.")
+        str,
+        typer.Option(
+            help="Numbers of a raster file, or a mesh with --floor-crs EPSG:..: height over the ellipsoid, up, or "
+            "depth below the water."
+        ),
     ] = "height",
     navigation: Annotated[
         str | None,
@@ -33,6 +50,9 @@ def map_lines(
     crs: Annotated[str, typer.Option(help="Map's coordinate system: utm, or such as EPSG:32632.")] = "utm",
     water: Annotated[
         str | None, typer.Option(help="YAML with constituents, daylight and standard deviations, or truth.")
+    ] = None,
+    panel: Annotated[
+        Path | None, typer.Option(help="YAML of a reference panel in the scene, which scales reflectance by band.")
     ] = None,
     radiance: Annotated[
         bool, typer.Option("--radiance", help="Radiances as they are, where lamps or water are unknown.")
@@ -49,7 +69,9 @@ def map_lines(
     register: Annotated[
         bool, typer.Option("--register", help="Put poses and calibration right by overlaps; needs `rovtwin smooth`.")
     ] = False,
-    control: Annotated[Path | None, typer.Option(help="CSV of known points: name,line,pixel,north,east,sd.")] = None,
+    control: Annotated[
+        Path | None, typer.Option(help="CSV of known points: name,line,pixel,north,east,sd[,file].")
+    ] = None,
     calibrated: Annotated[
         bool, typer.Option("--calibrated", help="Mount and clock are exact; else 1 deg, 10 mm, 20 ms.")
     ] = False,
@@ -77,7 +99,7 @@ def map_lines(
     from rovtwin.runs.mapping.checking import check
     from rovtwin.runs.mapping.request import MapRequest
 
-    if run is None and (lines is None or out is None):
+    if run is None and (not lines or out is None):
         raise ConfigError("without a RUN, --lines and --out are needed")
     if blend not in ("best", "mean"):
         raise ConfigError(f"--blend: found '{blend}', expected best or mean")
@@ -86,11 +108,12 @@ def map_lines(
     refuse_idle({"--water": radiance and water is not None}, "--radiance takes no water off")
     folder = Path() if run is None else run if run.is_dir() else run.parent
     request = MapRequest(
-        lines or folder / "lines.h5", navigation, floor, depth, dem_values == "height", resolution, crs, radiance,
-        water, blend == "best", math.radians(max_turn), clock_offset,
+        tuple(lines or [folder / "lines.h5"]), navigation, floor, depth, dem_values == "height", resolution, crs,
+        radiance, water, blend == "best", math.radians(max_turn), clock_offset,
         float("-inf") if begin is None else begin, float("inf") if end is None else end, area, points, register,
         control, calibrated,
         ("envi", *(name.strip() for name in formats.split(",") if name.strip())), imager, _datum(datum),
+        floor_crs, floor_std, panel,
     )  # fmt: skip
     check(run, request, out or folder / "mosaic", overwrite)
     from rovtwin.runs.mapping.make import map_run  # heavy: what is wrong is named before
@@ -108,7 +131,8 @@ def map_lines(
         emit({"out": str(made.folder), **made.about["figures"], "notes": made.remarks()})
         return
     shown = console(as_json)
-    rows = table(f"mosaic of {request.lines}", "", "")
+    first, *more = request.files
+    rows = table(f"mosaic of {first}{f' and {len(more)} more' if more else ''}", "", "")
     for name, value, unit in made.figures_table():
         rows.add_row(name, figure(value, unit))
     shown.print(rows)

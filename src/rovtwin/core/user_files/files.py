@@ -42,6 +42,14 @@ def checked(path: str | Path, most: float = MOST_TEXT) -> Path:
     return path
 
 
+def is_file(path: str | Path) -> bool:
+    """Whether there is such a file; a name that no file can have, such as one that is too long, is that of none."""
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
 def read_text(path: str | Path, most: int = MOST_TEXT) -> str:
     """The text of a file, with or without a byte order mark.
 

@@ -55,13 +55,14 @@ USUAL = Matching()
 def match_strips(strips: Sequence[Strip], how: Matching = USUAL) -> Ties:
     """Ties between all strips that overlap."""
     places = [place for k, one in enumerate(strips) for other in strips[k + 1 :] for place in _of_pair(one, other, how)]
-    if len(places) > how.most:
+    untried = max(len(places) - how.most, 0)
+    if untried:
         places = [places[k] for k in np.linspace(0, len(places) - 1, how.most).astype(int)]
     found = [tie for one, other, middle, shift in places if (tie := _at(one, other, middle, shift, how)) is not None]
     if not found:
-        return Ties(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
+        return Ties(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), untried)
     t, pixel, covariance, quality = (np.array(part) for part in zip(*found, strict=True))
-    return Ties(t, pixel, covariance, quality)
+    return Ties(t, pixel, covariance, quality, untried)
 
 
 _Place = tuple[Strip, Strip, tuple[int, int], np.ndarray]

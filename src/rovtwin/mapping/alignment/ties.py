@@ -21,16 +21,18 @@ class Ties:
         pixel: In each, whole numbers or between.
         covariance: Of how far apart the two may be taken, on the floor, north and east [m2].
         quality: From 0 to 1, such as a correlation.
+        untried: Patches of the overlaps that were not looked for, as there were more than are tried.
     """
 
     t: Float[np.ndarray, "m 2"]
     pixel: Float[np.ndarray, "m 2"]
     covariance: Float[np.ndarray, "m 2 2"]
     quality: Float[np.ndarray, " m"]
+    untried: int = 0
 
     def chosen(self, which: Bool[np.ndarray, " m"]) -> "Ties":
         """Some of them."""
-        return Ties(self.t[which], self.pixel[which], self.covariance[which], self.quality[which])
+        return Ties(self.t[which], self.pixel[which], self.covariance[which], self.quality[which], self.untried)
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,7 @@ def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float
     shown = int(np.argmin(np.abs(lines.wavelengths - _SHOWN)))
     layers = np.full((grid.rows, grid.columns, len(names) + 2), np.nan, np.float32)
     rgb, dropped = np.full((grid.rows, grid.columns, 3), np.nan, np.float32), np.zeros(bands)
-    masking = job.calibrated.has_noise and job.calibrated.correction.model is not None
+    masking = job.calibrated.has_noise and job.calibrated.correction.reflects
     cube = EnviCube(cube_path, grid, lines.wavelengths, lines.fwhm, what)
     try:
         blocks = parts.joined(job.numbers, grid, bands, len(names), job.best, AROUND // 2 if masking else 0)
@@ -181,6 +181,8 @@ def join(job: Job, parts: Parts, cube_path: Path, what: str, smallest_snr: float
         cube.close()
     seen, direct = np.isfinite(layers[..., 0]), np.nan_to_num(layers[..., -2]) > 0
     units, share = job.units(), dropped / max(int(seen.sum()), 1)
+    if (factor := job.calibrated.correction.factor) is not None:
+        share[~np.isfinite(factor)] = 1.0  # bands in which a panel could not be seen
     _mask_whole(cube_path, (grid.rows, grid.columns, bands), without_signal(share), rgb, colours)
     share[without_signal(share)] = 1.0
     named = {name: (layers[..., k], units[name]) for k, name in enumerate([*names, "coverage", "noise"])}

@@ -3,13 +3,15 @@
     rho = (L - veil) / gain,    var(rho) = var(L) / gain^2,    var(N) = N + read noise^2    [electrons]
 
 Gain and veil are those of `imaging.radiance`: lamps, both ways through the water, daylight, the floor's lean. Where
-lamps or water are unknown there is radiance alone, which a reference panel scales.
+lamps or water are unknown there is radiance alone, which a reference panel (`cells.panel`) scales.
 
 Reference: EMVA Standard 1288, release 4.0, for noise of a linear camera.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,21 +48,28 @@ class Correction:
 
     Attributes:
         imager: That took the lines.
-        model: Its lamps in the water; None: radiance is all that is asked for.
+        model: Its lamps in the water; None: radiance is all that is asked for, or a panel alone tells the light.
+        factor: What radiances are multiplied by, by band, as a reference panel has it (`cells.panel`); None without.
     """
 
     imager: Imager
     model: Radiometry | None
+    factor: Float[np.ndarray, " band"] | None = None
+
+    @property
+    def reflects(self) -> bool:
+        """Whether reflectance comes out."""
+        return self.model is not None or self.factor is not None
 
     @property
     def quantity(self) -> str:
         """What comes out."""
-        return "radiance" if self.model is None else "reflectance"
+        return "reflectance" if self.reflects else "radiance"
 
     @property
     def unit(self) -> str:
         """Its unit."""
-        return "W/(m2 sr nm)" if self.model is None else "1"
+        return "1" if self.reflects else "W/(m2 sr nm)"
 
     def prepare(self) -> None:
         """Computes what all lines share."""
@@ -77,7 +86,14 @@ class Correction:
         return some, low, share.astype(np.float32)[:, None]
 
     def gain_and_veil(self, located: Located, line: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of one line's pixels, shape (pixel, band) each; the numbers 1 and 0 where radiance is asked for."""
+        """Of one line's pixels, shape (pixel, band) each, a panel's factor taken off; without a model 1 and 0."""
+        gain, veil = self._modelled(located, line)
+        if self.factor is None:
+            return gain, veil
+        over = (1.0 / self.factor).astype(np.float32)
+        return gain * over, veil * over
+
+    def _modelled(self, located: Located, line: int) -> tuple[np.ndarray, np.ndarray]:
         if self.model is None:
             return np.array(1.0, np.float32), np.array(0.0, np.float32)
         some, low, share = self._some
@@ -108,14 +124,22 @@ class Calibrated:
     correction: Correction
 
     @cached_property
-    def _per_count(self) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Dark frame; radiance a count over a second of exposure; electrons a count; offset of counts."""
-        dark, response = self.lines.frames
-        given = self.lines.imager.file.detector
-        full = 2.0**given.bits - 1.0
-        with np.errstate(divide="ignore"):
-            inverse = np.where(response > 0, 1.0 / response, np.nan).astype(np.float32)
-        return dark, inverse, given.full_well / (full - given.offset), given.offset
+    def _per_count(self) -> dict[Path, tuple[np.ndarray, np.ndarray]]:
+        """Of each file: dark frame; radiance a count over a second of exposure."""
+        found = {}
+        for file in self.lines.files:
+            dark, response = file.frames
+            with np.errstate(divide="ignore"):
+                found[file.path] = dark, np.where(response > 0, 1.0 / response, np.nan).astype(np.float32)
+        return found
+
+    def _frames_of(self, first: int, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of so many lines, those of the file that each lies in; none where the files hold radiances."""
+        if not self.lines.counts:
+            return []
+        return [
+            self._per_count[file.path] for file, a, b in self.lines.pieces(first, first + count) for _ in range(a, b)
+        ]
 
     @property
     def has_noise(self) -> bool:
@@ -144,7 +168,7 @@ class Calibrated:
             knows it), and how many were saturated.
         """
         full = cube >= self.lines.saturation
-        variance = np.zeros_like(cube)
+        variance, frames = np.zeros_like(cube), self._frames_of(first, len(cube))
         for i in range(len(cube)):
             if not located.valid[i].any():
                 continue
@@ -152,7 +176,8 @@ class Calibrated:
             with np.errstate(invalid="ignore", divide="ignore"):
                 over = np.where(gain > 0, np.float32(1.0) / gain, np.float32(np.nan))
                 if self.lines.counts:
-                    self._of_counts(cube[i], variance[i], float(self.lines.exposure[first + i]), over, veil)
+                    exposure = float(self.lines.exposure[first + i])
+                    self._of_counts(cube[i], variance[i], frames[i], exposure, over, veil)
                 else:
                     cube[i] -= veil
                     cube[i] *= over
@@ -160,15 +185,21 @@ class Calibrated:
         return cube, variance, int(full.sum())
 
     def _of_counts(
-        self, counts: np.ndarray, variance: np.ndarray, exposure: float, over: np.ndarray, veil: np.ndarray
+        self,
+        counts: np.ndarray,
+        variance: np.ndarray,
+        frames: tuple[np.ndarray, np.ndarray],
+        exposure: float,
+        over: np.ndarray,
+        veil: np.ndarray,
     ) -> None:
         """One line, in place."""
-        dark, inverse, electrons, offset = self._per_count
+        (dark, inverse), given = frames, self.lines.imager.file.detector
+        electrons = given.full_well / (2.0**given.bits - 1.0 - given.offset)  # a count
         scale = inverse * np.float32(1.0 / exposure)
-        read = self.lines.imager.file.detector.read_noise
-        np.maximum(counts - np.float32(offset), 0.0, out=variance)
+        np.maximum(counts - np.float32(given.offset), 0.0, out=variance)
         variance *= np.float32(electrons)
-        variance += np.float32(read**2 + electrons**2 / 12.0)
+        variance += np.float32(given.read_noise**2 + electrons**2 / 12.0)
         variance *= np.square(scale * over * np.float32(1.0 / electrons))
         counts -= dark
         counts *= scale
@@ -186,6 +217,7 @@ class Budget:
         height: Of the floor's height below the imager.
         water: Of absorption and scattering.
         lamps: Of the lamps' light.
+        panel: Of a reference panel: its reflectance, its noise, the height of its face; 0 without.
     """
 
     wavelengths: Float[np.ndarray, " band"]
@@ -193,36 +225,66 @@ class Budget:
     height: Float[np.ndarray, " band"]
     water: Float[np.ndarray, " band"]
     lamps: Float[np.ndarray, " band"]
+    panel: Float[np.ndarray, " band"]
 
     @property
     def common(self) -> Float[np.ndarray, " band"]:
         """All but noise: no mean over pixels takes it away."""
-        return np.sqrt(self.height**2 + self.water**2 + self.lamps**2)
+        return np.sqrt(self.height**2 + self.water**2 + self.lamps**2 + self.panel**2)
+
+
+class Reference(Protocol):
+    """What a panel says of a correction: see `cells.panel.PanelPixels`."""
+
+    def factor(self, correction: Correction, deeper: float = 0.0) -> Float[np.ndarray, " band"]:
+        """What radiances are to be multiplied by."""
+        ...
+
+    def unsure(self) -> Float[np.ndarray, " band"]:
+        """Standard deviation of it by the panel's reflectance and noise, relative."""
+        ...
 
 
 def budget(
-    calibrated: Calibrated, lines: list[tuple[int, Located, Float[np.ndarray, "1 pixel band"]]], unsure: Unsure
+    calibrated: Calibrated,
+    lines: list[tuple[int, Located, Float[np.ndarray, "1 pixel band"]]],
+    unsure: Unsure,
+    panel: Reference | None = None,
 ) -> Budget:
-    """Of some lines: their number, where they lie, their counts. Each is computed again with one thing changed."""
+    """Of some lines: their number, where they lie, their counts. Each is computed again with one thing changed.
+
+    With a panel, lamps are no cause, and the water is one as far as its error differs from that at the panel.
+    """
     correction, model = calibrated.correction, calibrated.correction.model
     assert model is not None
     more = 1.0 + unsure.water
     fine = model.at_fine
     murky = SpectralWater(more * fine.absorption, more * fine.scattering, more * fine.backscattering)
-    other = Calibrated(calibrated.lines, replace(correction, model=replace(model, at_fine=murky)))
+    changed = replace(correction, model=replace(model, at_fine=murky), factor=None)
+    if panel is not None:
+        changed = replace(changed, factor=panel.factor(changed))
+    other, lit = Calibrated(calibrated.lines, changed), 0.0 if panel is not None else unsure.lamps
     rows: list[np.ndarray] = []
     for number, located, cube in lines:
         value, variance, _ = calibrated.values(cube.copy(), number, located)
         high = calibrated.values(cube.copy(), number, lowered(located, unsure.height))[0]
         water = other.values(cube.copy(), number, located)[0]
         gain, veil = correction.gain_and_veil(located, 0)
-        lamps = unsure.lamps * (value[0] + veil / gain)
+        lamps = lit * (value[0] + veil / gain)
         size = np.maximum(np.abs(value[0]), DARKEST)
         rows.append(np.stack([np.sqrt(variance[0]), high[0] - value[0], water[0] - value[0], lamps]) / size)
     seen = np.concatenate(rows, axis=1) if rows else np.full((4, 1, len(model.imager.wavelengths)), np.nan)
     with np.errstate(invalid="ignore"):
         middle = np.nanmedian(np.abs(seen), axis=1)
-    return Budget(model.imager.wavelengths, *middle)
+    return Budget(model.imager.wavelengths, *middle, panel=_of_panel(correction, unsure.height, panel))
+
+
+def _of_panel(correction: Correction, height: float, panel: Reference | None) -> Float[np.ndarray, " band"]:
+    """What a panel leaves unsure: itself, its noise, and how far from the port it lies."""
+    if panel is None:
+        return np.zeros(len(correction.imager.wavelengths))
+    plain = replace(correction, factor=None)
+    return np.hypot(panel.unsure(), panel.factor(plain, height) / panel.factor(plain) - 1.0)
 
 
 def lowered(located: Located, by: float) -> Located:

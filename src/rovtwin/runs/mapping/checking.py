@@ -1,11 +1,15 @@
 """All that can be refused of a map before anything heavy is loaded, read or compiled."""
 
+import math
+from contextlib import ExitStack
 from pathlib import Path
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import parse, read_yaml
-from rovtwin.core.user_files.files import checked
+from rovtwin.core.user_files.files import MOST_TEXT, checked
 from rovtwin.imaging.lines import LinesHead
+from rovtwin.imaging.lines_of_files import in_order
+from rovtwin.mapping.mesh_floor import AXES, MESHES, OTHER_MESHES
 from rovtwin.mapping.projection import crs_of, rasterio
 from rovtwin.runs.mapping.columns import CONTROL, POINTS, columns_of
 from rovtwin.runs.mapping.request import FORMATS, NAVIGATIONS, MapRequest, WaterFile
@@ -23,12 +27,18 @@ def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> 
         LogError: The file of lines cannot be used.
     """
     rasterio("rovtwin map")
+    for path in (out, run):
+        _nameable(path)
     _check_options(request, out, overwrite)
     _check_together(run, request)
     if run is not None:
         _check_run(run, request)
-    with LinesHead(request.lines) as lines:
-        _check_lines(lines, run, request)
+    with ExitStack() as opened:
+        files = in_order([opened.enter_context(LinesHead(path)) for path in request.files])
+        for lines in files:
+            _check_lines(lines, run, request)
+        if request.panel is not None:
+            _check_panel(request, files[0])
     if request.crs != "utm":
         crs_of(request.crs, "--crs")
     if request.water not in (None, "truth"):
@@ -38,13 +48,21 @@ def check(run: Path | None, request: MapRequest, out: Path, overwrite: bool) -> 
             columns_of(option, path, *kinds)
     if request.area is not None:
         _there("--area", request.area)
-    if request.floor not in NO_FILE:
-        _check_floor(Path(request.floor))
+    _check_floor(request)
 
 
-def _there(option: str, path: Path) -> None:
+def _nameable(path: Path | None) -> None:
+    """Refuse a name that no file can have, such as one that is too long; whether it is there is asked later."""
     try:
-        checked(path)
+        if path is not None:
+            path.exists()
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from None
+
+
+def _there(option: str, path: Path, most: float = MOST_TEXT) -> None:
+    try:
+        checked(path, most)
     except OSError as error:
         raise ConfigError(f"{option} {path}: cannot be read: {error.strerror or error}") from None
 
@@ -120,11 +138,49 @@ def _check_lines(lines: LinesHead, run: Path | None, request: MapRequest) -> Non
                 raise ConfigError(f"--{option} truth: {lines.path} knows none: an instrument took its lines")
 
 
-def _check_floor(path: Path) -> None:
+def is_mesh(floor: str) -> bool:
+    """Whether a floor is a file of a mesh, by its ending."""
+    return Path(floor).suffix.lower() in MESHES
+
+
+def _check_panel(request: MapRequest, lines: LinesHead) -> None:
+    from rovtwin.runs.mapping.panel import read_panel
+
+    if request.radiance:
+        raise ConfigError("--panel: scales reflectance, and --radiance asks for none; leave one of them out")
+    assert request.panel is not None
+    read_panel(request.panel, None, lines.wavelengths, lines.fwhm)
+
+
+def _check_floor(request: MapRequest) -> None:
+    path = Path(request.floor)
+    if request.floor_std is not None and not 0.0 <= request.floor_std < math.inf:
+        raise ConfigError(f"--floor-std: found {request.floor_std:g} m, expected 0 or more")
+    if request.floor_std is not None and request.floor in ("altimeter", "truth"):
+        raise ConfigError(f"--floor-std: --floor {request.floor} says itself how unsure it is; leave it out")
+    if request.floor_crs != "ned" and not is_mesh(request.floor):
+        raise ConfigError("--floor-crs: says in which frame a mesh is; a raster file says its own. Leave it out")
+    if request.floor in NO_FILE:
+        return
+    if path.suffix.lower() in OTHER_MESHES:
+        raise ConfigError(
+            f"--floor {path}: meshes are read as {', '.join(MESHES)}; save it as one of them (ParaView, MeshLab)"
+        )
+    if not is_mesh(request.floor):
+        _check_raster(path)
+        return
+    _there("--floor", path, math.inf)
+    if request.floor_crs not in AXES:
+        crs_of(request.floor_crs, "--floor-crs")
+    elif not request.heights:
+        raise ConfigError("--dem-values depth: for a raster file, or a mesh with --floor-crs EPSG:..; leave it out")
+
+
+def _check_raster(path: Path) -> None:
     from rovtwin.mapping.floors import check_system
 
     rio = rasterio(f"--floor {path}")
-    _there("--floor", path)
+    _there("--floor", path, math.inf)
     try:
         with rio.open(path) as file:
             check_system(file, path)

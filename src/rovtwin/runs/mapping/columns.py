@@ -21,10 +21,7 @@ def columns_of(
     Raises:
         ConfigError: It cannot be read, has other columns, or something in it is no finite number.
     """
-    try:
-        rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{option} {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    rows = _rows(option, path)
     kind = next((k for k in kinds if rows and all(name in rows[0] for name in k)), None)
     if kind is None:
         found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
@@ -38,6 +35,22 @@ def columns_of(
             f"{kind[column + 1]}, expected a finite number. Write one, or take the row out"
         )
     return names, table, kind
+
+
+def column_of(option: str, path: Path, name: str) -> list[str]:
+    """Texts of one more column of such a file; empty where there is none.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    return [(row.get(name) or "").strip() for row in _rows(option, path)]
+
+
+def _rows(option: str, path: Path) -> list[dict[str, str]]:
+    try:
+        return list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{option} {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def _number(text: str | None) -> float:

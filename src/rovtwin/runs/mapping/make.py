@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from rovtwin._version import __version__
 from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.user_files.files import is_file
 from rovtwin.imaging.files import imager_as_data
 from rovtwin.mapping.alignment.joint import JointErrors
 from rovtwin.mapping.cells.grid import Grid
@@ -31,6 +32,7 @@ from rovtwin.runs.mapping.output.losses import losses
 from rovtwin.runs.mapping.output.noting import remove_old
 from rovtwin.runs.mapping.output.products import Products
 from rovtwin.runs.mapping.output.writing import write_all
+from rovtwin.runs.mapping.panel import Seen, about_range, seen_panel
 from rovtwin.runs.mapping.points import read_points
 from rovtwin.runs.mapping.registering import (
     UNITS,
@@ -85,10 +87,14 @@ def map_run(
         steps("joining", 0, 1)
         snr = inputs.lines.imager.file.smallest_snr
         joined = join(job, parts, out / CUBE, _what(inputs, job), snr)
-        unknown = _budget(inputs, job, unsure)
+        unknown = _budget(inputs, job, unsure, ready.panel)
         used, wavelengths = int(lines.use.sum()), inputs.lines.wavelengths
         remarks += lines.remarks + losses(counts, joined, used * inputs.lines.shape[1], wavelengths)
-        done = (remarks, counts, resumed, used, ready.registration, ready.area)
+        if ready.panel is not None:
+            given = request.water is not None or inputs.scene is not None
+            modelled = job.calibrated.correction.model is not None
+            remarks.append(about_range(ready.panel, joined.layers["range"][0], modelled, given))
+        done = (remarks, counts, resumed, used, ready.registration, ready.area, ready.panel)
         products = Products(inputs, job, joined, unknown, *done)
         mosaic = write_all(products, out, begun, steps)
         parts.remove()
@@ -106,6 +112,7 @@ class Ready:
         remarks: For people.
         registration: What it did; None without.
         area: That was to be seen, as rings of x and y; None: nobody says.
+        panel: What a reference panel did; None without.
     """
 
     job: Job
@@ -114,6 +121,7 @@ class Ready:
     remarks: list[str]
     registration: Registered | None
     area: Rings | None
+    panel: Seen | None = None
 
 
 def prepare(inputs: Inputs) -> Ready:
@@ -137,7 +145,8 @@ def prepare(inputs: Inputs) -> Ready:
     floor, height, remarks = inputs.floor(place.min(0), place.max(0))
     georeference = replace(first, floor=floor)
     model, water, words = inputs.light()
-    height = height if water.height_sd is None else water.height_sd
+    if water.height_sd is not None and inputs.request.floor_std is None:
+        height = water.height_sd
     done, errors = _registered(inputs, georeference, t, chosen, height)
     if done is not None:
         georeference, t = done.georeference, t + done.delay
@@ -147,13 +156,17 @@ def prepare(inputs: Inputs) -> Ready:
     projection, grid = _laid_out(inputs, _places(georeference, t[chosen.use]), area, depth)
     more = None if errors is None else sigma_layers(errors, georeference, t, chosen.use, height)
     calibrated = Calibrated(lines, Correction(lines.imager, model))
+    panel = seen_panel(inputs.request.panel, inputs.datum, calibrated, georeference, t, chosen.use)
+    if panel is not None:
+        calibrated = Calibrated(lines, replace(calibrated.correction, factor=panel.factor))
+        words = words + panel.remarks
     units = {} if more is None else UNITS
     job = Job(calibrated, georeference, projection, grid, t, chosen.use, request.best, more, units)
     if navigation.dropped:
         remarks = [*remarks, f"navigation: {navigation.dropped} poses without a number or with a stamp twice left out"]
     unsure = water.model_copy(update={"height_sd": height})
     rings = None if area is None else on_map(area, projection)
-    return Ready(job, chosen, unsure, remarks + words, done, rings)
+    return Ready(job, chosen, unsure, remarks + words, done, rings, panel)
 
 
 def _crs(inputs: Inputs) -> Any:
@@ -228,11 +241,11 @@ def _check_room(out: Path, job: Job, request: MapRequest) -> None:
 
 def _what(inputs: Inputs, job: Job) -> str:
     correction = job.calibrated.correction
-    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {inputs.lines.path.name}"
+    return f"rovtwin {__version__}: {correction.quantity} [{correction.unit}] of {inputs.lines.name}"
 
 
-def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
-    """Of some lines spread over the survey; None for radiances."""
+def _budget(inputs: Inputs, job: Job, water: WaterFile, panel: Seen | None) -> Budget | None:
+    """Of some lines spread over the survey; None where no model of light is at hand."""
     if job.calibrated.correction.model is None:
         return None
     numbers = np.flatnonzero(job.use)
@@ -242,19 +255,22 @@ def _budget(inputs: Inputs, job: Job, water: WaterFile) -> Budget | None:
         located = job.georeference.locate(job.t[number : number + 1])
         some.append((int(number), located, inputs.lines.read(number, number + 1)))
     assert water.height_sd is not None
-    return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd))
+    return budget(job.calibrated, some, Unsure(water.height_sd, water.water_sd, water.lamps_sd),
+                  None if panel is None else panel.pixels)  # fmt: skip
 
 
 def key_of(inputs: Inputs, job: Job) -> str:
     """Of all that the parts depend on."""
     lines, request = inputs.lines, inputs.request
-    state = lines.path.stat()
+    states = [(str(one.path.resolve()), (state := one.path.stat()).st_size, state.st_mtime_ns) for one in lines.files]
     digest = hashlib.sha256()
     settings = {
         name: str(value)
         for name, value in asdict(replace(request, imager=None, formats=(), points=None, area=None)).items()
     }
-    about = [_FORMAT, str(lines.path.resolve()), state.st_size, state.st_mtime_ns, imager_as_data(lines.imager.file)]
+    floor_file = Path(request.floor)
+    states += [(request.floor, floor_file.stat().st_size, floor_file.stat().st_mtime_ns)] if is_file(floor_file) else []
+    about = [_FORMAT, states, imager_as_data(lines.imager.file)]
     digest.update(json.dumps([about, settings, job.layer_names], default=str).encode())
     navigation, mount, grid = job.georeference.navigation, job.georeference.mount, job.grid
     north = np.linspace(job.projection.low[0], job.projection.high[0], 12)
@@ -267,6 +283,8 @@ def key_of(inputs: Inputs, job: Job) -> str:
         arrays += list(job.more(job.t[some], job.georeference.locate(job.t[some])).values())
     if (model := job.calibrated.correction.model) is not None:
         arrays += [model.at_fine.absorption, model.at_fine.scattering, np.array([model.surface, model.below])]
+    if (factor := job.calibrated.correction.factor) is not None:
+        arrays.append(factor)
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

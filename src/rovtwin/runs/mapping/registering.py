@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,17 +10,18 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import distance_transform_edt
 
 from rovtwin.core.arrays.key_frames import KeyFrames
-from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.errors import LogError
+from rovtwin.imaging.lines import LinesHead
 from rovtwin.mapping.alignment.calibration import CalibrationFinding, calibration_findings
 from rovtwin.mapping.alignment.ground_points import CALIBRATION, ground_points
 from rovtwin.mapping.alignment.joint import JointErrors
-from rovtwin.mapping.alignment.matching import match_strips
+from rovtwin.mapping.alignment.matching import USUAL, match_strips
 from rovtwin.mapping.alignment.registration import Registration, register
 from rovtwin.mapping.alignment.strips import SHORTEST, short_runs, straight_runs, strip_of
-from rovtwin.mapping.alignment.ties import ControlPoints, Ties, observe
+from rovtwin.mapping.alignment.ties import Ties, observe
 from rovtwin.mapping.alignment.uncertainty import point_uncertainty
 from rovtwin.mapping.georeference import Georeference, Located
-from rovtwin.runs.mapping.columns import CONTROL, columns_of
+from rovtwin.runs.mapping.control import read_control
 from rovtwin.runs.mapping.residuals import Residuals
 from rovtwin.runs.mapping.sources import Inputs
 
@@ -102,6 +102,7 @@ def registered(
         f"{1e3 * done.before:.0f} mm rms before, {1e3 * done.after:.0f} mm after; NIS {done.nis:.2f} "
         f"(95 %: {low:.2f} to {high:.2f})",
         *unused,
+        *_untried(ties),
         *_doubts(done),
     ]
     calibration = calibration_findings(joint, done.joint)
@@ -114,8 +115,19 @@ def registered(
     numbers = np.interp(observed.t, t, np.arange(len(t)))
     numbers[np.isnan(observed.t)] = np.nan
     depth = float(inputs.first_floor().depth)
-    residuals = Residuals(observed, done, numbers, depth)
+    residuals = Residuals(observed, done, numbers, depth, tuple(one.shape[0] for one in inputs.lines.files),
+                          tuple(one.path.name for one in inputs.lines.files))  # fmt: skip
     return Registered(better, delay, done.joint, residuals, _figures(done, calibration), remarks)
+
+
+def _untried(ties: Ties) -> list[str]:
+    """A remark where overlaps have more patches than are tried."""
+    if not ties.untried:
+        return []
+    return [
+        f"of {USUAL.most + ties.untried} patches of the overlaps {USUAL.most}, spread evenly, were looked for; "
+        "for all of them map the survey in parts (--from, --to)"
+    ]
 
 
 def _doubts(done: Registration) -> list[str]:
@@ -171,7 +183,11 @@ def _ties(
     runs = used_runs(straight_runs(georeference.navigation, t), t, use)
     for run in short_runs(georeference.navigation, t, runs):
         bright = np.concatenate(
-            [_bright(inputs, a, min(a + _READ, run[-1] + 1), bands) for a in range(run[0], run[-1] + 1, _READ)]
+            [
+                _bright(*piece, bands)
+                for a in range(run[0], run[-1] + 1, _READ)
+                for piece in inputs.lines.pieces(a, min(a + _READ, run[-1] + 1))
+            ]
         )
         strips.append(strip_of(georeference, t[run[0] : run[-1] + 1], bright))
     return match_strips(strips)
@@ -189,41 +205,12 @@ def used_runs(
     return kept
 
 
-def _bright(inputs: Inputs, first: int, last: int, bands: np.ndarray) -> Float[np.ndarray, "line pixel"]:
-    cube = inputs.lines.read(first, last)[..., bands]
-    full = (cube >= inputs.lines.saturation).any(axis=-1)
-    if inputs.lines.counts:
-        cube = cube - inputs.lines.frames[0][:, bands]
+def _bright(file: LinesHead, first: int, last: int, bands: np.ndarray) -> Float[np.ndarray, "line pixel"]:
+    cube = file.read(first, last)[..., bands]
+    full = (cube >= file.saturation).any(axis=-1)
+    if file.counts:
+        cube = cube - file.frames[0][:, bands]
     return np.where(full, np.nan, cube.mean(axis=-1, dtype=float))
-
-
-def read_control(
-    path: Path, inputs: Inputs, t: Float[np.ndarray, " line"], use: Bool[np.ndarray, " line"]
-) -> tuple[ControlPoints | None, list[str]]:
-    """Of a CSV file: name, number of the line and pixel that saw it, north and east [m], standard deviation [m].
-
-    Points that only lines saw that are not used are left out, and named in a remark.
-
-    Raises:
-        ConfigError: It cannot be read, or has other columns, no numbers, or lines and pixels that there are not.
-    """
-    names, table, _ = columns_of("--control", path, CONTROL)
-    lines, pixels, _ = inputs.lines.shape
-    wrong = (table[:, 0] < 0) | (table[:, 0] > lines - 1) | (table[:, 1] < 0) | (table[:, 1] > pixels - 1)
-    if (wrong := wrong | ~(table[:, 4] > 0)).any():
-        k = int(np.argmax(wrong))
-        raise ConfigError(
-            f"--control {path}: row {k + 2} ({names[k]}): found line {table[k, 0]:g}, pixel {table[k, 1]:g}, sd "
-            f"{table[k, 4]:g}; expected lines from 0 to {lines - 1}, pixels from 0 to {pixels - 1}, and sd above 0"
-        )
-    kept = use[np.rint(table[:, 0]).astype(int)]
-    left = [name for name, there in zip(names, kept, strict=True) if not there]
-    remarks = [f"control points in lines that are not used are left out: {', '.join(left)}"] if left else []
-    if not kept.any():
-        return None, remarks
-    when = np.interp(table[kept, 0], np.arange(lines), t)
-    some = tuple(name for name, there in zip(names, kept, strict=True) if there)
-    return ControlPoints(when, table[kept, 1], table[kept, 2:4], table[kept, 4], some), remarks
 
 
 def sigma_layers(

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from rovtwin.core.datum import Datum
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import NonNegative, Strict
 from rovtwin.imaging.spectra.water import Constituents
 
@@ -35,16 +36,20 @@ class MapRequest:
     """What is asked for.
 
     Attributes:
-        lines: File of lines.
+        lines: File of lines; or several of one dive, folders of `*.h5` among them.
         navigation: Whose poses, of `NAVIGATIONS`; None: smoothed where there is such a track, else the estimate, and
             without a run those in the file of lines. `truth` takes true times and the true mount, too.
-        floor: `altimeter`, `plane`, `truth`, or a raster file of heights.
+        floor: `altimeter`, `plane`, `truth`, a raster file of heights, or a mesh.
+        floor_crs: Frame of a mesh: see `mapping.mesh_floor.MeshFrame`.
+        floor_std: Standard deviation of the height of a plane, a raster file or a mesh [m]; None: 0.1, 0.05, 0.05.
         depth: Of the plane [m]; None: as the altimeter has it.
-        heights: Whether numbers of a raster file are heights over the ellipsoid; else depths.
+        heights: Whether numbers of a raster file, or third coordinates of a mesh in a coordinate system, are heights
+            over the ellipsoid; else depths.
         resolution: Side of a cell [m].
         crs: Coordinate system of the mosaic; `utm` for the zone that the datum lies in.
         radiance: Whether radiances are asked for, not reflectances.
         water: A file as `WaterFile`, `truth` (of the scene), or None: the truth where lines know it, else a coast's.
+        panel: A file as `runs.mapping.panel.PanelFile`, of a reference panel in the scene; None: without.
         best: Whether cells are taken from the lines that saw them best, else means of all.
         turn: Lines taken while the vehicle turns faster are left out [rad/s].
         clock_offset: What the imager's clock is ahead of the run's [s].
@@ -60,7 +65,7 @@ class MapRequest:
         datum: Of lines that have none.
     """
 
-    lines: Path
+    lines: Path | tuple[Path, ...]
     navigation: str | None = None
     floor: str = "altimeter"
     depth: float | None = None
@@ -82,3 +87,24 @@ class MapRequest:
     formats: tuple[str, ...] = ("envi", "cog")
     imager: "Imager | str | None" = None
     datum: Datum | None = None
+    floor_crs: str = "ned"
+    floor_std: float | None = None
+    panel: Path | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of lines, those of folders by name.
+
+        Raises:
+            ConfigError: A folder has none.
+        """
+        found = []
+        for path in (self.lines,) if isinstance(self.lines, Path) else self.lines:
+            try:
+                within = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+            except OSError as error:
+                raise ConfigError(f"--lines {path}: cannot be read: {error.strerror or error}") from None
+            if not within:
+                raise ConfigError(f"--lines {path}: is a folder without files *.h5, expected some, or files of lines")
+            found += within
+        return found

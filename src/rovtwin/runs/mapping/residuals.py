@@ -24,12 +24,16 @@ class Residuals:
         registration: What became of them.
         lines: Numbers of the two lines of each, between two where it lies between two; none for a control point.
         depth: Of the floor, about [m].
+        counts: How many lines each file has.
+        files: Their names.
     """
 
     observed: Observations
     registration: Registration
     lines: Float[np.ndarray, "m 2"]
     depth: float
+    counts: tuple[int, ...] = ()
+    files: tuple[str, ...] = ()
 
     @property
     def used(self) -> Bool[np.ndarray, " m"]:
@@ -45,6 +49,7 @@ class Residuals:
             "name": what.names[k],
             "kind": "tie" if known.all() else "control",
             "lines": np.round(self.lines[k][known], 2).tolist(),
+            **self._in_files(self.lines[k][known]),
             "pixels": np.round(what.pixel[k][known], 2).tolist(),
             "seconds": np.round(what.t[k][known], 4).tolist(),
             "before_m": round(float(np.hypot(*before)), 5),
@@ -56,6 +61,17 @@ class Residuals:
             "test_limit": round(done.gate, 3),
             "why": f"test statistic {T:.1f} {'within' if done.used[k] else 'beyond'} {done.gate:.1f} "
             "(chi-square of 2, against all others)",
+        }
+
+    def _in_files(self, lines: Float[np.ndarray, " n"]) -> dict[str, Any]:
+        """Where lines count through several files: which file each lies in, and its number there."""
+        if len(self.files) < 2:
+            return {}
+        begins = np.cumsum([0, *self.counts])
+        at = np.searchsorted(begins[1:-1], lines + 0.5, side="right")
+        return {
+            "files": [self.files[i] for i in at],
+            "lines_in_files": np.round(lines - begins[at], 2).tolist(),
         }
 
     def features(self, datum: Datum) -> list[dict[str, Any]]:

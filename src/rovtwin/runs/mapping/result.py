@@ -111,8 +111,12 @@ class Mosaic(Result):
         except rasterio.RasterioIOError as error:
             raise LogError(f"{path}: cannot be read: {error}") from None
 
-    def budget(self, name: str) -> Float[np.ndarray, " band"] | None:
+    def budget(self, name: str, later: bool = False) -> Float[np.ndarray, " band"] | None:
         """A column of `uncertainty.csv`, relative standard deviations by band; None without.
+
+        Args:
+            name: Of the column.
+            later: Whether it came later than the file, so that older mosaics are without.
 
         Raises:
             LogError: The file is not of this mosaic.
@@ -121,6 +125,8 @@ class Mosaic(Result):
         if not path.is_file():
             return None
         table = np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True))
+        if later and name not in (table.dtype.names or ()):
+            return None
         if name not in (table.dtype.names or ()) or len(table) != self.shape[2]:
             raise LogError(f"{path}: expected a column {name} with a row for each of {self.shape[2]} bands")
         return table[name]

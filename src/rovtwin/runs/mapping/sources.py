@@ -15,16 +15,18 @@ from rovtwin.core.user_files.config import parse, read_yaml
 from rovtwin.imaging.floor import Floor, Plane
 from rovtwin.imaging.imager import Mount, load_imager, mount_of
 from rovtwin.imaging.lines import LinesFile
+from rovtwin.imaging.lines_of_files import open_lines
 from rovtwin.imaging.radiance import Radiometry, fine_wavelengths
 from rovtwin.imaging.spectra.water import SpectralWater
 from rovtwin.mapping.altimeter import Altimeter, Surface, altimeter_hits, surface_through
 from rovtwin.mapping.floors import Elevation, GridFloor, elevation_model
 from rovtwin.mapping.georeference import LONGEST
+from rovtwin.mapping.mesh_floor import MeshFloor, MeshFrame, mesh_floor
 from rovtwin.mapping.navigation import Navigation
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.sensors import sensors_of, without_own
 from rovtwin.runs.compose.world import on_world_floor
-from rovtwin.runs.mapping.checking import NO_FILE
+from rovtwin.runs.mapping.checking import NO_FILE, is_mesh
 from rovtwin.runs.mapping.dating import date
 from rovtwin.runs.mapping.request import NAVIGATIONS, MapRequest, WaterFile
 from rovtwin.scenario.files import load_scenario
@@ -32,6 +34,7 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.imager.radiance import radiometry_of
 from rovtwin.simulation.scene import Scene, scene_from_dict
 
+_PLANE, _FILE = 0.1, 0.05  # standard deviations of floors of which nobody says any [m]
 _REACH = 1.5  # of the floor beyond the pixels' first estimate [m]
 
 
@@ -178,14 +181,29 @@ class Inputs:
             where = self.navigation.at(self.times)
             below = where.position[where.valid, :2]
             if len(below):
-                known = self._elevation(below.min(0) - _REACH, below.max(0) + _REACH).depth_and_slope(below)[0]
+                known = self._of_file(below.min(0) - _REACH, below.max(0) + _REACH).depth_and_slope(below)[0]
                 if np.isfinite(known).any():
                     return Plane(float(np.nanmedian(known)))
         raise ConfigError("nobody knows how deep the floor is: no altimeter in the run's log. Say --depth METRES")
 
-    def _elevation(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> GridFloor:
+    def _of_file(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> GridFloor | MeshFloor:
+        if is_mesh(self.request.floor):
+            return self._mesh
         given = Elevation(depths=not self.request.heights)
         return elevation_model(Path(self.request.floor), self.datum, low, high, given)
+
+    @cached_property
+    def _mesh(self) -> MeshFloor:
+        """As far as any ray may reach."""
+        where = self.navigation.at(self.times)
+        place = where.position[where.valid]
+        if not len(place):
+            raise ConfigError(
+                f"--floor {self.request.floor}: no line has a pose, so nobody knows what is to be covered"
+            )
+        frame = MeshFrame(self.request.floor_crs, not self.request.heights)
+        low, high = place.min(0) - [LONGEST, LONGEST, 0.0], place.max(0) + LONGEST
+        return mesh_floor(Path(self.request.floor), self.datum, low, high, frame)
 
     def floor(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[Floor, float, list[str]]:
         """The floor as asked for over a box of north and east [m], the standard deviation of its height, and remarks.
@@ -194,10 +212,10 @@ class Inputs:
             ConfigError: It is not there, or does not reach.
             LogError: There are too few echoes.
         """
-        asked, low, high = self.request.floor, low - _REACH, high + _REACH
+        asked, stated, low, high = self.request.floor, self.request.floor_std, low - _REACH, high + _REACH
         if asked == "plane":
             plane = self.first_floor()
-            return plane, 0.1, [f"floor: a level plane at {plane.depth:.2f} m"]
+            return plane, _PLANE if stated is None else stated, [f"floor: a level plane at {plane.depth:.2f} m"]
         if asked == "truth":
             if self.scene is None or self.scene.floor is None:
                 raise ConfigError("--floor truth: the lines are no simulation's")
@@ -210,8 +228,8 @@ class Inputs:
                 f"varies by {surface.scale:.2f} m over {surface.length:.1f} m, unsure by {sigma:.3f} m in the median"
             )
             return surface.floor, sigma, [word]
-        found = self._elevation(low, high)
-        return found, _within(found, low + _REACH, high - _REACH), [f"floor: {found.source}"]
+        found = self._of_file(low, high)
+        return found, _FILE if stated is None else stated, [f"floor: {found.source}"]
 
     def surface(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Surface:
         """The likeliest floor through the altimeter's echoes.
@@ -246,15 +264,23 @@ class Inputs:
         given = usual if asked is None else parse(WaterFile, read_yaml(asked), Path(asked).name)
         remarks = ["water: taken for a usual coastal one; say --water for that of the dive"] if asked is None else []
         water = SpectralWater.of(given.constituents, fine_wavelengths(imager))
-        return self._lit(Radiometry(imager, water, LONGEST, given.daylight)), given, remarks
+        model = Radiometry(imager, water, LONGEST, given.daylight)
+        if self.request.panel is not None and not _has_light(model):
+            return None, given, ["light: as it is at the panel, as no lamps are described and there is no daylight"]
+        return self._lit(model), given, remarks
 
     def _lit(self, model: Radiometry) -> Radiometry:
-        if not model.imager.file.lamps and model.surface <= 0:
+        if not _has_light(model):
             raise ConfigError(
                 f"{model.imager.file.name}: has no lamps, and there is no daylight: nobody knows what light the floor "
-                "was in. Add lamps to the imager's file, daylight to --water, or say --radiance"
+                "was in. Add lamps to the imager's file, daylight to --water, lay a reference panel (--panel), or say "
+                "--radiance"
             )
         return model
+
+
+def _has_light(model: Radiometry) -> bool:
+    return bool(model.imager.file.lamps) or model.surface > 0
 
 
 def open_inputs(run: Path | None, request: MapRequest) -> Inputs:
@@ -265,7 +291,7 @@ def open_inputs(run: Path | None, request: MapRequest) -> Inputs:
         LogError: A file is missing, damaged, or none of lines, or nobody knows when the run's clock began.
     """
     imager = request.imager
-    lines = LinesFile(request.lines, load_imager(imager) if isinstance(imager, str) else imager)
+    lines = open_lines(request.files, load_imager(imager) if isinstance(imager, str) else imager)
     try:
         if run is None:
             date(lines, request.datum, None)

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.markers import Layout, Marker, pattern
 from rovtwin.core.user_files.config import near, parse, read_yaml
+from rovtwin.core.user_files.files import is_file
 from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.scene import schema
 from rovtwin.simulation.scene.shapes import cylinder, mesh_from_file, seabed, wreck
@@ -240,7 +241,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     path = Path(text).expanduser()
     if not is_scene_file(text):
         path = LIBRARY / f"{text}.yaml"
-        if not path.is_file():
+        if not is_file(path):
             raise ConfigError(f"{text}: no such scene in the library, and no file.{near(text, list_scenes())}")
     scene = Scene(parse(schema.SceneFile, read_yaml(path), path.name), path.name, path.parent)
     _ = scene.layout  # so that mistakes show here

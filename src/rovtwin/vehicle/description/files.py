@@ -8,6 +8,7 @@ from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import near, parse, read_yaml
+from rovtwin.core.user_files.files import is_file
 from rovtwin.vehicle.description.schema import Body, Part, VehicleFile
 from rovtwin.vehicle.description.thrust_curve import read_bollard_csv, read_points
 from rovtwin.vehicle.solids.mesh_solid import mesh_solid
@@ -30,7 +31,7 @@ def list_devices() -> list[str]:
 
 def _shipped(name: str) -> Path | None:
     """The library's file of a name, vehicle or device."""
-    return next((path for folder in (LIBRARY, DEVICES) if (path := folder / f"{name}.yaml").is_file()), None)
+    return next((path for folder in (LIBRARY, DEVICES) if is_file(path := folder / f"{name}.yaml")), None)
 
 
 def find(name_or_path: str | Path, folder: Path | None = None) -> Path:
@@ -43,7 +44,7 @@ def find(name_or_path: str | Path, folder: Path | None = None) -> Path:
     as_path = folder / Path(text).expanduser()
     looks_like_path = as_path.suffix in SUFFIXES or "/" in text or "\\" in text
     if looks_like_path:
-        if as_path.is_file():
+        if is_file(as_path):
             return as_path
         shipped = _shipped(Path(text).stem)
         # A part may be written with its suffix and still be the library's.
@@ -52,7 +53,7 @@ def find(name_or_path: str | Path, folder: Path | None = None) -> Path:
         read_yaml(as_path)  # says what is wrong with the path
         raise ConfigError(f"{as_path}: is not a file")
     beside = folder / f"{text}.yaml"
-    if beside.is_file():
+    if is_file(beside):
         return beside
     shipped = _shipped(text)
     if shipped is not None:
@@ -156,7 +157,7 @@ def _with_mesh_found(item: Any, path: Path, here: str) -> Any:
     if item.mesh is None:
         return item
     target = path.parent / Path(item.mesh).expanduser()
-    if not target.is_file():
+    if not is_file(target):
         raise ConfigError(f"{path.name}: {here}.mesh: found {item.mesh}, but there is no file {target}")
     return item.model_copy(update={"mesh": str(target.resolve())})
 

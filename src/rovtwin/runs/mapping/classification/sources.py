@@ -21,7 +21,7 @@ _SHARE = 0.9  # of the cells that must know a band for it to count
 _FEWEST = 3  # bands
 _SAMPLED = 50  # rows of which typical values are taken
 _LEAST = np.radians(0.5)  # variability that a few training cells may say at least [rad]
-ERRORS = ("height", "water", "lamps")
+ERRORS = ("height", "water", "lamps", "panel")  # a panel takes the place of the lamps
 _FLOOR = 0.05  # reflectance that relative errors of uncertainty.csv refer to at least
 
 
@@ -226,10 +226,10 @@ def _noise(mosaic: Mosaic, bands: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _errors(mosaic: Mosaic, bands: np.ndarray) -> tuple[dict[str, np.ndarray], list[str]]:
-    found = {name: mosaic.budget(name) for name in ERRORS}
+    found = {name: mosaic.budget(name, name == "panel") for name in ERRORS}
     errors = {name: d[bands] for name, d in found.items() if d is not None and np.nansum(np.abs(d[bands])) > 0.0}
     errors = {name: np.nan_to_num(d) for name, d in errors.items()}
-    without = [name for name in ERRORS if name not in errors]
+    without = [name for name in ERRORS if name not in errors and name != ("lamps" if "panel" in errors else "panel")]
     words = f"the mosaic states no error of {', '.join(without)}: areas are as sure as if they were exact"
     return errors, [words] if without else []
 

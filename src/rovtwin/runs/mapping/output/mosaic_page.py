@@ -55,6 +55,8 @@ def write_mosaic_page(
     if products.budget is not None:
         b = products.budget
         parts = {"noise of a pixel": b.noise, "floor's height": b.height, "water": b.water, "lamps": b.lamps}
+        if products.panel is not None:  # takes the place of the lamps
+            parts["panel"] = parts.pop("lamps") + b.panel
         shown = figures.budget(b.wavelengths, parts, None if agreed is None else agreed.by_band, products.joined.masked)
         pictures.append(
             save(shown, out, "uncertainty", "How sure reflectance is",
@@ -65,7 +67,7 @@ def write_mosaic_page(
         pictures.insert(1, _arrows(products, products.registration.residuals, sheet, out))
     rows = [[label, _shown(value), unit] for label, value, unit in mosaic.figures_table()]
     files = {name: what for name, what in WHAT.items() if (out / name).exists() or name == NOTE}
-    title = f"Mosaic of {products.inputs.lines.path.name}"
+    title = f"Mosaic of {products.inputs.lines.name}"
     write_map_page(out, title, Table("", ["", "", ""], rows), products.remarks, pictures, files,
                    viewer_of(mosaic, grid, job.projection, sheet, spectra, scene))  # fmt: skip
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.log.files import write_error
+from rovtwin.core.user_files.files import is_file
 from rovtwin.runs.mapping.sources import Inputs
 
 WHAT = {
@@ -41,12 +42,14 @@ def remove_old(out: Path) -> None:
 
 def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
     """All that was asked for; `source` is whose poses were taken."""
-    request = inputs.request
+    request, names = inputs.request, [one.path.name for one in inputs.lines.files]
     return {
-        "lines": inputs.lines.path.name,
+        "lines": names[0] if len(names) == 1 else names,
         "run": None if inputs.run is None else inputs.run.resolve().name,
         "navigation": source,
         "floor": request.floor,
+        "floor_crs": request.floor_crs,
+        "floor_std": request.floor_std,
         "depth_m": request.depth,
         "dem_values": "height" if request.heights else "depth",
         "resolution_m": request.resolution,
@@ -54,6 +57,7 @@ def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
         "blend": "best" if request.best else "mean",
         "radiance": request.radiance,
         "water": request.water,
+        "panel": _text(request.panel),
         "turn_deg_s": float(np.degrees(request.turn)),
         "clock_offset_s": request.clock_offset,
         "from_s": _finite(request.begin),
@@ -71,12 +75,17 @@ def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
 def hashes_of(inputs: Inputs, source: str) -> dict[str, str]:
     """SHA-256 of the files that a mosaic was made of: lines, track and key frames or log, floor, water, points."""
     request = inputs.request
-    paths = [inputs.lines.path, request.control, request.area, request.points]
+    paths = [*(one.path for one in inputs.lines.files), request.control, request.area, request.points, request.panel]
     paths += [None if text is None else Path(text) for text in (request.water, request.floor)]
     if inputs.run is not None:
         names = ("log.mcap", "scenario.yaml") + (("smoothed.mcap", "smoothed_keys.nc") if source == "smoothed" else ())
         paths += [inputs.run / name for name in names]
-    return {path.name: _digest(path) for path in paths if path is not None and path.is_file()}
+    there = [path for path in paths if path is not None and is_file(path)]
+    names = [path.name for path in there]
+    return {
+        path.name if names.count(path.name) == 1 else f"{path.resolve().parent.name}/{path.name}": _digest(path)
+        for path in there
+    }
 
 
 def _digest(path: Path) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from rovtwin.mapping.cells.mosaic import Job, Joined
 from rovtwin.mapping.cells.radiometry import Budget
 from rovtwin.runs.mapping.area import Rings
+from rovtwin.runs.mapping.panel import Seen
 from rovtwin.runs.mapping.registering import Registered
 from rovtwin.runs.mapping.sources import Inputs
 
@@ -24,6 +25,7 @@ class Products:
         lines_used: How many lines count.
         registration: What it did; None without.
         area: That was to be seen, rings of x and y; None: the hull of what was.
+        panel: What a reference panel did; None without.
     """
 
     inputs: Inputs
@@ -36,3 +38,4 @@ class Products:
     lines_used: int
     registration: Registered | None
     area: Rings | None
+    panel: Seen | None = None

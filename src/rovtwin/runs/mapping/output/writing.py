@@ -46,7 +46,7 @@ def write_all(products: Products, out: Path, begun: float, progress: Callable[[s
     job, inputs = products.job, products.inputs
     about = _about(products)
     mosaic = Mosaic(out, about)
-    alike = job.calibrated.correction.model is not None
+    alike = job.calibrated.correction.reflects
     whole = np.isfinite(products.joined.rgb).all(-1)  # without one of the three colours a cell has none
     rgb = picture(products.joined.rgb, products.joined.seen & whole, alike)
     progress("writing", 1, 4)
@@ -93,6 +93,8 @@ def _about(products: Products) -> dict[str, Any]:
         "resumed_parts": products.resumed,
         **{f"pixels_{name}": count for name, count in products.counts.items() if name != "samples"},
     }
+    if products.panel is not None:
+        figures["panel"] = products.panel.figures
     if products.registration is not None:
         figures["registration"] = products.registration.figures
     return {
@@ -160,6 +162,7 @@ def _uncertainty(products: Products, out: Path, agreed: Agreement | None) -> Non
         "height": b.height,
         "water": b.water,
         "lamps": b.lamps,
+        "panel": b.panel,
         "masked_share": products.joined.masked,
     }
     if agreed is not None:
