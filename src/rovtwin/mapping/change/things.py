@@ -11,6 +11,7 @@ from rovtwin.mapping.change.detect import Test
 
 _CORE = 0.5  # share of the greatest change from which a cell belongs to the thing
 _LARGE = 0.5  # share of the least thing's area that a thing must have
+_NAMED = 0.25  # share of that area that its named cells must have: a thing of that size is no single spot
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,13 @@ class Thing:
     chance: float
 
 
-def things(test: Test, cell: float, least: float, contrast: float = 0.0) -> list[Thing]:
+def things(
+    test: Test,
+    cell: float,
+    least: float,
+    contrast: float = 0.0,
+    among: Bool[np.ndarray, "row column"] | None = None,
+) -> list[Thing]:
     """Connected cells that changed, the surest first.
 
     The test looks at squares of the least thing; a thing's cells are those about a named one where the change is at
@@ -47,16 +54,40 @@ def things(test: Test, cell: float, least: float, contrast: float = 0.0) -> list
         cell: Size of a cell [m].
         least: Size of the smallest thing that was looked for [m].
         contrast: Least change of reflectance that is of interest, as a share, rms over channels.
+        among: Cells that things may be made of; None: all.
     """
-    about = binary_dilation(test.changed, iterations=max(round(0.5 * least / cell), 1))
-    labelled: Any = label(about)
+    among = np.ones(test.changed.shape, bool) if among is None else among
+    named = test.changed & among
+    labelled: Any = label(binary_dilation(named, iterations=max(round(0.5 * least / cell), 1)))
     numbers = labelled[0]
     found = []
     for k, place in enumerate(find_objects(numbers), start=1):
-        one = _thing(test, place, numbers[place] == k, cell)
+        inside = (numbers[place] == k) & among[place]
+        if (named[place] & inside).sum() * cell**2 < _NAMED * least**2:
+            continue
+        one = _thing(test, place, inside, cell)
         if one.area >= _LARGE * least**2 and np.sqrt(np.mean(one.contrast**2)) >= contrast:
             found.append(one)
     return sorted(found, key=lambda one: one.chance)
+
+
+def sorted_out(
+    test: Test, explained: Bool[np.ndarray, "row column"], cell: float, least: float, contrast: float = 0.0
+) -> tuple[list[Thing], list[Thing]]:
+    """Changes, and things that a height explains; see `things` and `relief.explained`.
+
+    What falls into parts that are too small, some of them explained and some not, counts as a change.
+    """
+    changes = things(test, cell, least, contrast, ~explained)
+    taken = _cells(changes, explained.shape)
+    elsewhere = things(test, cell, least, contrast, explained & ~taken)
+    taken |= _cells(elsewhere, explained.shape)
+    changes += [one for one in things(test, cell, least, contrast) if not (one.cells & taken).any()]
+    return sorted(changes, key=lambda one: one.chance), elsewhere
+
+
+def _cells(some: list[Thing], shape: tuple[int, ...]) -> Bool[np.ndarray, "row column"]:
+    return np.any([one.cells for one in some], axis=0) if some else np.zeros(shape, bool)
 
 
 def _thing(test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: float) -> Thing:

@@ -15,7 +15,8 @@ from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
 from rovtwin.mapping.change.detect import TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement
-from rovtwin.mapping.change.things import Thing, things
+from rovtwin.mapping.change.relief import explained
+from rovtwin.mapping.change.things import Thing, sorted_out
 from rovtwin.mapping.formats.envi import NO_DATA
 from rovtwin.mapping.formats.geotiff import write_layers
 from rovtwin.mapping.formats.vectors import polygons, write_geojson
@@ -42,6 +43,7 @@ class Difference:
 
     Attributes:
         things: That changed, the surest first.
+        elsewhere: Things that both show, the second in another place: they stand above the floor, or were moved.
         test: Of each cell.
         moved: From the first mosaic to the second.
         grid: Of the cells that are compared.
@@ -51,6 +53,7 @@ class Difference:
     """
 
     things: list[Thing]
+    elsewhere: list[Thing]
     test: Test
     moved: Displacement
     grid: Grid
@@ -66,6 +69,7 @@ class Difference:
             "compared_m2": float(self.seen.sum() * self.grid.cell**2),
             "changes": len(self.things),
             "changed_m2": float(sum(thing.area for thing in self.things)),
+            "standing_or_moved": len(self.elsewhere),
             "shift_north_east_m": [float(-shift[0]), float(shift[1])],
             "shift_varies_m": float(self.moved.shift[self.seen].std(axis=0).mean() * self.grid.cell),
             "shift_sd_m": float(np.sqrt(np.mean(self.moved.sd[self.seen] ** 2)) * self.grid.cell),
@@ -81,6 +85,7 @@ def compared(
     least: float = 0.1,
     contrast: float = 0.1,
     false_share: float = 0.05,
+    relief: float = 0.3,
     progress: Progress = lambda what, done, count: None,
 ) -> Difference:
     """Register the second to the first and test each cell.
@@ -91,6 +96,7 @@ def compared(
         least: Size of the smallest thing that is looked for [m].
         contrast: Least change of reflectance that is of interest, as a share.
         false_share: Of the named cells, that may be false.
+        relief: How far things may stand above the mosaics' floor, or lie below it [m].
         progress: Called with what is done, of how many steps.
 
     Raises:
@@ -102,11 +108,11 @@ def compared(
     usable, words = _usable(first, second)
     channels = []
     for k, one in enumerate((first, second)):
-        progress("reading", k, 4)
+        progress("reading", k, 5)
         channels.append(_channels(one, rows[k], columns[k], usable))
     a, b = channels
     absolute, within, remarks = _stated(first, second)
-    progress("registering", 2, 4)
+    progress("registering", 2, 5)
     wide = max(round(TREND * least / grid.cell), 3)
     x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
     moved = displacement(x, y, grid.cell, 4.0 * absolute + _ROOM, within)
@@ -116,10 +122,19 @@ def compared(
             f"{4.0 * absolute + _ROOM:.2f} m, so the two cannot be laid upon each other. Do they show one place, with "
             "texture, and in one season?"
         )
-    progress("testing", 3, 4)
+    progress("testing", 3, 5)
     test = tested(a, b, moved, grid.cell, least, false_share)
-    found = things(test, grid.cell, least, contrast)
-    return Difference(found, test, moved, grid, np.isfinite(test.statistic), a.wavelengths, [words, *remarks])
+    progress("trying heights", 4, 5)
+    slants, more = _slants((first, second), rows, columns)
+    by_height = explained(test, a, b, moved, slants, grid.cell, least, relief)
+    changes, elsewhere = sorted_out(test, by_height, grid.cell, least, contrast)
+    remarks = [words, *remarks, *more]
+    if elsewhere:
+        remarks.append(
+            f"{len(elsewhere)} places are in both mosaics, only elsewhere: they stand up to {relief:g} m above or below "
+            "the floor that the mosaics were laid on, or were moved by as little; no changes, dashed in the picture"
+        )
+    return Difference(changes, elsewhere, test, moved, grid, np.isfinite(test.statistic), a.wavelengths, remarks)
 
 
 def _require_alike(first: Mosaic, second: Mosaic, least: float) -> None:
@@ -189,6 +204,25 @@ def _channels(one: Mosaic, rows: slice, columns: slice, usable: Bool[np.ndarray,
     return channels_of(cube, w, own, CHANNELS, noise_of(cube[:: max(len(cube) // 200, 1)]))
 
 
+def _slants(
+    mosaics: tuple[Mosaic, Mosaic], rows: list[slice], columns: list[slice]
+) -> tuple[tuple[np.ndarray, np.ndarray], list[str]]:
+    """Rows and columns that a thing one cell higher lies farther out, in the overlap of each, and what was assumed."""
+    x, y = ([one.layer(name) for one in mosaics] for name in ("slant_x", "slant_y"))
+    missing = [one.folder.name for one, given in zip(mosaics, x, strict=True) if given is None]
+    if missing:
+        shape = (rows[0].stop - rows[0].start, columns[0].stop - columns[0].start, 2)
+        return (np.zeros(shape), np.zeros(shape)), [
+            f"{' and '.join(missing)} does not state from where its cells were seen: what stands above the floor counts "
+            "as a change at its edges. Make it again with `rovtwin map`"
+        ]
+    first, second = (
+        np.stack([-np.asarray(v)[r, c], np.asarray(u)[r, c]], axis=2).astype(float)
+        for u, v, r, c in zip(x, y, rows, columns, strict=True)
+    )
+    return (first, second), []
+
+
 def _stated(first: Mosaic, second: Mosaic) -> tuple[float, float, list[str]]:
     """Standard deviations of the difference of places, as a whole and within [m], and what was assumed."""
     import rasterio
@@ -230,16 +264,20 @@ def written(found: Difference, first: Mosaic, second: Mosaic, folder: Path) -> P
         "shift_sd": (np.where(found.seen, found.moved.sd * found.grid.cell, np.nan), "m"),
     }
     write_layers(folder / "change.tif", found.grid, layers, LAYERS)
+    kinds = {"changes": ("change", found.things), "standing_or_moved": ("standing or moved", found.elsewhere)}
     features = [
-        {**polygon, "properties": _properties(number, thing, found)}
-        for number, thing in enumerate(found.things, start=1)
+        {**polygon, "properties": {"kind": kind, **_properties(number, thing, found)}}
+        for kind, some in kinds.values()
+        for number, thing in enumerate(some, start=1)
         for polygon in polygons(thing.cells, found.grid)[:1]
     ]
     write_geojson(folder / "changes.geojson", features)
     note = {
         "first": str(first.folder), "second": str(second.folder), "figures": found.figures, "remarks": found.remarks,
         "wavelengths_nm": found.wavelengths.tolist(),
-        "changes": [_properties(number, thing, found) for number, thing in enumerate(found.things, start=1)],
+    } | {
+        name: [_properties(number, thing, found) for number, thing in enumerate(some, start=1)]
+        for name, (_, some) in kinds.items()
     }  # fmt: skip
     write_text(folder / "change.json", json.dumps(note, indent=1) + "\n")
     return folder
