@@ -31,12 +31,13 @@ def map_diff(
     """Lay two mosaics of one place upon each other and map what changed beyond their errors.
 
     The second is registered to the first by its own pictures; noise, light, grain and what is left of the displacement
-    are measured on the cells that did not change. What both show, only elsewhere, as what stands above the floor is seen,
-    is listed apart. Out come the changes as GeoJSON with place, size and contrast, layers (GeoTIFF), and report.html.
+    are measured on the cells that did not change. What both show, only elsewhere, is listed apart: it stands above the
+    floor, or was moved. Out come the changes as GeoJSON with place, size and contrast, layers, and report.html.
 
     Example: [bold]rovtwin map-diff may/mosaic june/mosaic -o change[/bold]
     """
-    from rovtwin.runs.mapping.difference import compared, written
+    from rovtwin.runs.mapping.difference import compared
+    from rovtwin.runs.mapping.difference_files import written
     from rovtwin.runs.mapping.difference_page import write_change_page
     from rovtwin.runs.mapping.result import Mosaic
 

@@ -100,8 +100,10 @@ class Job:
         return made, {"saturated": full, "missed": missed, "no_number": value.size - numbers, "samples": value.size}
 
     def _slants(self, located: Located) -> tuple[Float[np.ndarray, "line pixel"], Float[np.ndarray, "line pixel"]]:
-        """Way along the map's x and y from the imager to each pixel, for each metre down: by so much a thing that
-        stands higher than the floor lies farther out, for each metre of height."""
+        """Way along the map's x and y from the imager to each pixel, for each metre down.
+
+        By so much a thing that stands higher than the floor lies farther out, for each metre of height.
+        """
         way = located.point - located.position[:, None]
         to_map = self.projection.slope(0.5 * (self.projection.low + self.projection.high))
         slant = (way[..., :2] / way[..., 2:]) @ to_map.T

@@ -56,7 +56,8 @@ def channels_of(
         good = mean > _LEAST
         value[good, k] = np.log(mean[good])
         sd[good, k] = np.sqrt(np.sum(noise[bands] ** 2)) / len(bands) / mean[good]
-    value[binary_dilation(~np.isfinite(value).all(axis=2), iterations=_BESIDE)] = np.nan
+    beside = np.asarray(binary_dilation(~np.isfinite(value).all(axis=2), iterations=_BESIDE), bool)
+    value[beside] = np.nan
     middles = np.array([wavelengths[bands].mean() for bands in groups])
     return Channels(value, sd, middles)
 

@@ -62,6 +62,16 @@ class Test:
     trend: Float[np.ndarray, "row column channel"]
     limit: float
 
+    def least_contrast(self, cells: int, false_share: float) -> float:
+        """Change of reflectance, as a share, from which a thing of so many cells is named over half of the floor,
+        where nothing else has changed: of many that changed fainter ones are named, too.
+        """
+        S, seen = self.scale.S, int(np.isfinite(self.chance).sum())
+        if not seen or not np.isfinite(self.scale.freedom):
+            return np.inf
+        T = f.isf(min(false_share * cells / seen, 1.0), len(S), self.scale.freedom)
+        return float(np.expm1(np.nanmedian(self.sd) * np.sqrt(len(S) * T / np.linalg.inv(S)[0, 0])))
+
 
 @dataclass(frozen=True)
 class Scale:

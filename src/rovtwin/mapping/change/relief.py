@@ -8,15 +8,17 @@ is asked for are tried, each with what registration may have left, e, and a cell
     what the first shows there is in the second:    B(x + u + h (s_B - s_A) + e) - A(x)    is little,
     what the second shows there is in the first:    B(x + u) - A(x - h (s_B - s_A) - e)    is little.
 
-Each place finds its own h and e, as at an edge there are two; what remains, as a mean over the least thing, must be less
-than half of the difference and less than what is named. What is new, gone or painted over is in one mosaic only and
-fails one of the two. What was moved by no more than this cannot be told from what stands on the floor.
+Each place finds its own h and e, those of the least squares in a window about it, as at an edge there are two heights.
+What remains, as a mean over the least thing, must be less than half of the difference and less than what is named. What
+is new, gone or painted over is in one mosaic only and fails one of the two. What was moved by no more than this cannot
+be told from what stands on the floor.
 
 Reference: relief displacement as in Kraus (2007), Photogrammetry, 2nd ed.; the search along a line and both ways, as
 stereo matching does it, Fua (1993), Machine Vision and Applications 6(1).
 """
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -61,8 +63,8 @@ def explained(
     A, B = (one.value @ shapes for one in (first, second))
     trend, rest = test.trend @ shapes, _REST * least / cell
     at = np.stack(np.meshgrid(*(np.arange(n, dtype=float) for n in found.shape), indexing="ij"), axis=-1)
-    numbers, _ = label(binary_dilation(test.changed, iterations=box))
-    for place in find_objects(numbers):
+    labelled: Any = label(binary_dilation(test.changed, iterations=box))
+    for place in find_objects(labelled[0]):
         wide = tuple(slice(max(one.start - box, 0), one.stop + box) for one in place)
         here, there = at[wide], at[wide] + moved.shift[wide]
         apart = _at(slants[1], there, order=0) - slants[0][wide]

@@ -57,17 +57,10 @@ def things(
         among: Cells that things may be made of; None: all.
     """
     among = np.ones(test.changed.shape, bool) if among is None else among
-    named = test.changed & among
-    labelled: Any = label(binary_dilation(named, iterations=max(round(0.5 * least / cell), 1)))
-    numbers = labelled[0]
-    found = []
-    for k, place in enumerate(find_objects(numbers), start=1):
-        inside = (numbers[place] == k) & among[place]
-        if (named[place] & inside).sum() * cell**2 < _NAMED * least**2:
-            continue
-        one = _thing(test, place, inside, cell)
-        if one.area >= _LARGE * least**2 and np.sqrt(np.mean(one.contrast**2)) >= contrast:
-            found.append(one)
+    brighter, found = test.difference.mean(axis=2) > 0, []
+    for alike in (among & brighter, among & ~brighter):  # what became brighter and what became darker are two things
+        found += _connected(test, alike, cell, least)
+    found = [one for one in found if one.area >= _LARGE * least**2 and np.sqrt(np.mean(one.contrast**2)) >= contrast]
     return sorted(found, key=lambda one: one.chance)
 
 
@@ -84,6 +77,23 @@ def sorted_out(
     taken |= _cells(elsewhere, explained.shape)
     changes += [one for one in things(test, cell, least, contrast) if not (one.cells & taken).any()]
     return sorted(changes, key=lambda one: one.chance), elsewhere
+
+
+def _connected(test: Test, among: Bool[np.ndarray, "row column"], cell: float, least: float) -> list[Thing]:
+    """Of connected named cells the greatest change, and what is left beside it as others: none hides a fainter one."""
+    half, found = max(round(0.5 * least / cell), 1), []
+    while True:
+        named = test.changed & among
+        labelled: Any = label(binary_dilation(named, iterations=half))
+        some = []
+        for k, place in enumerate(find_objects(labelled[0]), start=1):
+            inside = (labelled[0][place] == k) & among[place]
+            if (named[place] & inside).sum() * cell**2 >= _NAMED * least**2:
+                some.append(_thing(test, place, inside, cell))
+        if not some:
+            return found
+        found += some
+        among = among & ~binary_dilation(_cells(some, among.shape), iterations=half + 1)
 
 
 def _cells(some: list[Thing], shape: tuple[int, ...]) -> Bool[np.ndarray, "row column"]:

@@ -27,6 +27,7 @@ _LABELS = {
     "shift_sd_m": "shift, uncertainty [m]",
     "patches": "patches found again",
     "patches_dropped": "patches that disagreed",
+    "least_contrast_named": "change of a single thing that is named over half of the floor",
     "sd_of_change": "standard deviation of a change, median",
 }
 _FILES = {
