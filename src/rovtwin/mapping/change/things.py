@@ -101,9 +101,10 @@ def _cells(some: list[Thing], shape: tuple[int, ...]) -> Bool[np.ndarray, "row c
 
 
 def _thing(test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: float) -> Thing:
-    top = np.argmax(np.where(inside & test.changed[place], test.statistic[place], -1.0))
+    change, named = test.difference[place], inside & test.changed[place]
+    # Not the surest cell: beside an edge of the floor that may lie at the rim of what changed.
+    top = np.argmax(np.where(named, np.sum(change**2, axis=2), -1.0))
     row, column = np.unravel_index(top, inside.shape)
-    change = test.difference[place]
     peak = change[row, column]
     along = change @ peak / max(peak @ peak, 1e-30)
     core = inside & (along >= _CORE)
@@ -114,5 +115,5 @@ def _thing(test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: flo
     gain = np.exp(peak)
     whole = np.zeros(test.changed.shape, bool)
     whole[place] = core
-    area, chance = float(core.sum()) * cell**2, float(test.chance[place][row, column])
+    area, chance = float(core.sum()) * cell**2, float(test.chance[place][named].min())
     return Thing(middle, whole, area, widths, gain - 1.0, float(gain.mean() * sd), chance)
