@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import binary_dilation
 from scipy.optimize import nnls
 from scipy.stats import chi2, f
 
@@ -32,6 +33,7 @@ from rovtwin.mapping.change.displacement import Displacement, pulled_back
 TREND = 4.0  # times the least thing: over which light, range and grain are taken to be alike
 _ROUNDS = 8
 _ALIKE = (12, 5)  # classes of cells by misplacement, and in each by grain
+_FAR, _PASSES = 1e-3, 3  # chance of a cell that may have changed, when nu is read, and how often it is read
 _TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
 _NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
 
@@ -131,7 +133,7 @@ def tested(
         found, variance = _explained(mean, [grain, counted, steep * moved.sd**2])
         parts.append(tuple(float(value) for value in found))
         spread.append(np.sqrt(variance))
-    scale = _student(D, np.stack(shapes, axis=1), np.stack(spread, axis=2))
+    scale = _student(D, np.stack(shapes, axis=1), np.stack(spread, axis=2), box)
     statistic = scale.statistic(D @ scale.shapes)
     chance = scale.chance(statistic)
     limit = _limit(chance, false_share)
@@ -177,11 +179,25 @@ def _student(
     D: Float[np.ndarray, "row column channel"],
     shapes: Float[np.ndarray, "channel shape"],
     spread: Float[np.ndarray, "row column shape"],
+    box: int,
 ) -> Scale:
-    """S and nu, read off the cells that do not stand out."""
-    count = shapes.shape[1]
+    """S and nu of what did not change: without cells that stand far out, and those whose squares reach into theirs."""
     z = D @ shapes / spread
-    some = z[np.isfinite(z).all(axis=2)]
+    keep = seen = np.isfinite(z).all(axis=2)
+    scale = _fitted(z[keep], shapes, spread)
+    for _ in range(_PASSES if np.isfinite(scale.freedom) else 0):
+        far = seen & (np.nan_to_num(scale.chance(scale.statistic(D @ shapes)), nan=1.0) < _FAR)
+        keep = seen & ~binary_dilation(far, iterations=box)
+        scale = _fitted(z[keep], shapes, spread)
+    return scale
+
+
+def _fitted(
+    some: Float[np.ndarray, "n shape"],
+    shapes: Float[np.ndarray, "channel shape"],
+    spread: Float[np.ndarray, "row column shape"],
+) -> Scale:
+    count = shapes.shape[1]
     if len(some) < 10 * count:
         return Scale(shapes, spread, np.full((count, count), np.nan), np.nan)
     S = np.diag((np.median(np.abs(some), axis=0) / 0.6745) ** 2) + 1e-12 * np.eye(count)
