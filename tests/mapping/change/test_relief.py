@@ -42,7 +42,7 @@ def flights(seed, change=lambda floor: floor, slants=SLANTS):
 
 def held(a, b, rows):
     """The two and their test, the second so many rows down."""
-    none = Matches(*(np.zeros((0, *more)) for more in ((2,), (2,), (2,), ())))
+    none = Matches(*(np.zeros(shape) for shape in ((0, 2), (0, 2), (0, 2), 0)))
     moved = Displacement(np.broadcast_to([rows, 0.0], (*SHAPE, 2)), np.full(SHAPE, 0.25), none, 0, 1.0)
     return a, b, moved, detect.tested(a, b, moved, CELL, LEAST, 0.05)
 
@@ -56,6 +56,10 @@ def judged(a, b, moved, test, slants=SLANTS, relief=0.3):
 def before(test):
     """Things as they are without looking for heights."""
     return things(test, CELL, LEAST, 0.1)
+
+
+def area(some):
+    return sum(one.area for one in some)
 
 
 def near(some, place, within=0.08):
@@ -78,7 +82,8 @@ def test_edges_of_a_plate_above_the_floor_are_named_as_what_they_are(seed):
     case = flights(seed)
     assert len(before(case[-1])) >= 2, "its edges differ: there is something to be explained"
     changes, elsewhere = judged(*case)
-    assert len(changes) <= 1 and len(elsewhere) >= 2  # in eight drawings 4 of 36 places stayed changes
+    # In these six drawings 9 % of the area stays a change, at most a quarter in one.
+    assert area(changes) < area(before(case[-1])) / 3.0 and area(elsewhere) > area(before(case[-1])) / 2.0
 
 
 @pytest.mark.parametrize("seed", [0, 4])
@@ -141,8 +146,8 @@ def test_a_stone_that_was_moved_along_the_line_may_as_well_stand_there():
         seen = [seabed.seen(rng, cube, (0, 0), 0.004)[0] for cube in (first, moved_by(cells)(floor))]
         case = held(*(channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in seen), 0.0)
         changes, elsewhere = judged(*case)
-        here = [one for one in changes if 100 < one.place[0] < 130]
-        assert len(here) == expected and bool(elsewhere) == (expected == 0)
+        here = [one for one in changes if near([one], (115, 50)) or near([one], (115, 80))]
+        assert len(here) == expected and bool(near(elsewhere, (115, 48), 0.2)) == (expected == 0)
 
 
 def test_a_fainter_change_beside_a_greater_one_is_listed_too():

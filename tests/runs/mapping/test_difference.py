@@ -19,7 +19,7 @@ from rovtwin.runs.mapping.result import Mosaic
 SHAPE = (140, 180)
 
 
-def mosaic(folder, cube, east=0, cell=CELL, quantity="reflectance", sigma=True, slant=0.0):
+def mosaic(folder, cube, east=0, cell=CELL, quantity="reflectance", sigma=True, slant: float | None = 0.0):
     """A folder as `rovtwin map` leaves it, of a cube (row, column, band), so many cells farther east.
 
     Args:

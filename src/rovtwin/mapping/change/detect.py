@@ -12,8 +12,8 @@ light and trend (a), how much of the grain survives the mean (b), and how far st
 terms, by medians, which the few that changed do not move. S is the correlation of the three, found without what stands
 out. T of unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail
 lies beyond the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the
-test more careful and not wrong. Of all cells those are named that keep the share of false ones below what was asked
-for.
+test more careful and not wrong; cells that stand far out, and those about them, do not count when it is read. Of all
+cells those are named that keep the share of false ones below what was asked for.
 
 Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2); the F of Student's t of many
 dimensions, Kotz and Nadarajah (2004), ch. 1; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1).
@@ -33,7 +33,7 @@ from rovtwin.mapping.change.displacement import Displacement, pulled_back
 TREND = 4.0  # times the least thing: over which light, range and grain are taken to be alike
 _ROUNDS = 8
 _ALIKE = (12, 5)  # classes of cells by misplacement, and in each by grain
-_FAR, _PASSES = 1e-3, 3  # chance of a cell that may have changed, when nu is read, and how often it is read
+_FAR = 1e-3  # chance of a cell that may have changed, when nu is read a second time
 _TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
 _NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
 
@@ -183,13 +183,12 @@ def _student(
 ) -> Scale:
     """S and nu of what did not change: without cells that stand far out, and those whose squares reach into theirs."""
     z = D @ shapes / spread
-    keep = seen = np.isfinite(z).all(axis=2)
-    scale = _fitted(z[keep], shapes, spread)
-    for _ in range(_PASSES if np.isfinite(scale.freedom) else 0):
-        far = seen & (np.nan_to_num(scale.chance(scale.statistic(D @ shapes)), nan=1.0) < _FAR)
-        keep = seen & ~binary_dilation(far, iterations=box)
-        scale = _fitted(z[keep], shapes, spread)
-    return scale
+    seen = np.isfinite(z).all(axis=2)
+    scale = _fitted(z[seen], shapes, spread)
+    if not np.isfinite(scale.freedom):
+        return scale
+    far = seen & (np.nan_to_num(scale.chance(scale.statistic(D @ shapes)), nan=1.0) < _FAR)
+    return _fitted(z[seen & ~np.asarray(binary_dilation(far, iterations=box), bool)], shapes, spread)
 
 
 def _fitted(

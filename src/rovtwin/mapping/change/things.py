@@ -93,7 +93,7 @@ def _connected(test: Test, among: Bool[np.ndarray, "row column"], cell: float, l
         if not some:
             return found
         found += some
-        among = among & ~binary_dilation(_cells(some, among.shape), iterations=half + 1)
+        among = among & ~np.asarray(binary_dilation(_cells(some, among.shape), iterations=half + 1), bool)
 
 
 def _cells(some: list[Thing], shape: tuple[int, ...]) -> Bool[np.ndarray, "row column"]:
