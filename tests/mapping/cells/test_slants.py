@@ -22,7 +22,7 @@ def test_a_pixel_on_what_stands_higher_lies_nearer_by_height_times_slant(euler):
         Georeference(imager(), mount(), moving(euler), Plane(depth)).locate(t) for depth in (5.0 - height, 5.0)
     )
     box = [f(low.point[..., :2].reshape(-1, 2), axis=0) for f in (np.min, np.max)]
-    projection = Projection.of(Datum(latitude=63.45, longitude=10.36), crs_of("EPSG:32632", "t"), *box, 5.0)
+    projection = Projection.of(Datum(latitude=63.45, longitude=10.36), crs_of("EPSG:32632", "t"), box[0], box[1], 5.0)
     slant = np.stack(Job._slants(SimpleNamespace(projection=projection), low), axis=-1)  # pyright: ignore
     nearer = projection.to_map(low.point[..., :2]) - projection.to_map(high.point[..., :2])
     assert np.abs(nearer - height * slant).max() < 0.03 * height * np.abs(slant).max()

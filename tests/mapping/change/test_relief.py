@@ -37,11 +37,16 @@ def flights(seed, change=lambda floor: floor, slants=SLANTS):
         for ground, slant, gain in ((floor, slants[0], 1.0), (change(floor), slants[1], 1.04))
     ]
     cubes = [seabed.seen(rng, cube, shift, 0.006)[0] for cube, shift in zip(seen, ((0, 0), (0.04, 0.0)), strict=True)]
-    return held(*(channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in cubes), 2.0)
+    return held(cubes, 2.0)
 
 
-def held(a, b, rows):
-    """The two and their test, the second so many rows down."""
+def held(cubes, rows):
+    """Channels of two cubes and their test, the second so many rows down."""
+    a, b = (channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in cubes)
+    return against(a, b, rows)
+
+
+def against(a, b, rows):
     none = Matches(*(np.zeros(shape) for shape in ((0, 2), (0, 2), (0, 2), 0)))
     moved = Displacement(np.broadcast_to([rows, 0.0], (*SHAPE, 2)), np.full(SHAPE, 0.25), none, 0, 1.0)
     return a, b, moved, detect.tested(a, b, moved, CELL, LEAST, 0.05)
@@ -100,7 +105,7 @@ BESIDE = [(72, 133), (53, 120), (91, 100), (72, 72), (120, 40)]
 @pytest.mark.parametrize("factor", [0.5, 1.8])
 @pytest.mark.parametrize("place", BESIDE)
 def test_a_change_beside_the_plate_is_found_or_named_with_it_never_in_silence(place, factor):
-    case = flights(3, painted(*place, factor))
+    case = flights(3, painted(place[0], place[1], factor))
     square = (slice(place[0] - 2, place[0] + 3), slice(place[1] - 2, place[1] + 3))
     assert case[-1].changed[square].any(), "it is named without heights"
     changes, elsewhere = judged(*case)
@@ -121,7 +126,7 @@ def test_what_is_new_and_what_is_gone_are_changes_whatever_the_height():
         return changed
 
     a, b, _, test = flights(5, stone)
-    for case, place in (((a, b, _, test), (115, 50)), (held(b, a, -2.0), (117, 50))):
+    for case, place in (((a, b, _, test), (115, 50)), (against(b, a, -2.0), (117, 50))):
         changes, elsewhere = judged(*case, slants=SLANTS if case[0] is a else SLANTS[::-1])
         assert near(changes, place) and not near(elsewhere, place)
 
@@ -144,7 +149,7 @@ def test_a_stone_that_was_moved_along_the_line_may_as_well_stand_there():
     first[112:119, 47:54] = 0.6
     for cells, expected in ((-5, 0), (30, 2)):
         seen = [seabed.seen(rng, cube, (0, 0), 0.004)[0] for cube in (first, moved_by(cells)(floor))]
-        case = held(*(channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in seen), 0.0)
+        case = held(seen, 0.0)
         changes, elsewhere = judged(*case)
         here = [one for one in changes if near([one], (115, 50)) or near([one], (115, 80))]
         assert len(here) == expected and bool(near(elsewhere, (115, 48), 0.2)) == (expected == 0)
