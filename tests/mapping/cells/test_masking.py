@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovtwin.mapping.cells.grid import Grid
-from rovtwin.mapping.cells.gridding import gridded
+from rovtwin.mapping.cells.gridding import LAYERS, gridded
 from rovtwin.mapping.cells.masking import AROUND, masked, without_signal
 from rovtwin.mapping.cells.mosaic import UNITS, join
 from rovtwin.mapping.cells.parts import Parts
@@ -58,11 +58,11 @@ def job_of(folder):
         cells = np.sort(rng.choice(2400, 1700, replace=False))
         sigma = rng.gamma(4.0, 0.25, (1700, bands)) * [0.001, 0.03, 0.05, 0.5]
         value = [0.3, 0.2, 0.25, 0.0] + sigma * rng.standard_normal(sigma.shape)
-        parts.add(number, gridded(cells, rng.random(1700), rng.random((1700, 4)), value, sigma**2), {})
+        parts.add(number, gridded(cells, rng.random(1700), rng.random((1700, len(LAYERS))), value, sigma**2), {})
     lines = SimpleNamespace(wavelengths=WAVELENGTHS, fwhm=np.full(bands, 4.0))
     correction = SimpleNamespace(reflects=True, factor=None)
     calibrated = SimpleNamespace(lines=lines, has_noise=True, correction=correction)
-    names = ["range", "incidence", "time", "depth"]
+    names = list(LAYERS)
     job = SimpleNamespace(
         calibrated=calibrated, grid=grid, layer_names=names, numbers=range(2), best=True, units=lambda: UNITS
     )

@@ -79,10 +79,11 @@ def test_noise_is_read_off_neighbouring_bands():
     assert noise_of(cube) == pytest.approx(np.full(30, 0.004), rel=0.1)
 
 
-def test_bands_without_a_number_leave_cells_out():
-    cube = np.full((4, 5, 12), 0.2)
+def test_bands_without_a_number_leave_cells_out_and_those_beside_them():
+    cube = np.full((9, 12, 12), 0.2)
     cube[1, 2, 3] = np.nan
-    cube[2, 2, :] = -0.1
+    cube[7, 8, :] = -0.1
     found = channels_of(cube, WAVELENGTHS, np.ones(12, bool), 3, np.full(12, 0.01))
-    assert found.seen.sum() == 18 and not found.seen[1, 2] and not found.seen[2, 2]
+    gone = [(i, j) for r, c in ((1, 2), (7, 8)) for i in range(9) for j in range(12) if abs(i - r) + abs(j - c) <= 2]
+    assert not any(found.seen[cell] for cell in gone) and found.seen.sum() == 9 * 12 - len(gone)
     assert found.noise[0, 0] == pytest.approx(0.01 / 2.0 / 0.2)

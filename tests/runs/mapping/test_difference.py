@@ -19,8 +19,12 @@ from rovtwin.runs.mapping.result import Mosaic
 SHAPE = (140, 180)
 
 
-def mosaic(folder, cube, east=0, cell=CELL, quantity="reflectance", sigma=True):
-    """A folder as `rovtwin map` leaves it, of a cube (row, column, band), so many cells farther east."""
+def mosaic(folder, cube, east=0, cell=CELL, quantity="reflectance", sigma=True, slant: float | None = 0.0):
+    """A folder as `rovtwin map` leaves it, of a cube (row, column, band), so many cells farther east.
+
+    Args:
+        slant: Under which all of it was seen, to the east; None: not stated.
+    """
     folder.mkdir()
     grid = Grid(CRS.from_epsg(32632), 567000.0 + east * cell, 7036000.0, cell, *cube.shape[:2])
     bil = np.where(np.isfinite(cube), cube, NO_DATA).transpose(0, 2, 1).astype(np.float32)
@@ -29,6 +33,8 @@ def mosaic(folder, cube, east=0, cell=CELL, quantity="reflectance", sigma=True):
     layers = {"coverage": (np.ones(grid.shape), "1")}
     if sigma:
         layers |= {"sigma": (np.full(grid.shape, 0.04), "m"), "sigma_within": (np.full(grid.shape, 0.012), "m")}
+    if slant is not None:
+        layers |= {"slant_x": (np.full(grid.shape, slant), "1"), "slant_y": (np.zeros(grid.shape), "1")}
     write_layers(folder / "layers.tif", grid, layers, {})
     write_picture(folder / "rgb.tif", grid, np.full((*grid.shape, 4), 120, np.uint8))
     about = {
@@ -86,11 +92,47 @@ def test_changes_are_where_they_were_planted(dives, tmp_path):
 @pytest.mark.system
 def test_errors_that_a_mosaic_does_not_state_are_assumed_in_words(dives, tmp_path):
     one, _, _ = dives
-    silent = mosaic(tmp_path / "silent", Mosaic.read(one).cube.transpose(0, 2, 1), sigma=False)
+    silent = mosaic(tmp_path / "silent", Mosaic.read(one).cube.transpose(0, 2, 1), sigma=False, slant=None)
     found = run(one, silent, "-o", tmp_path / "c")
     assert found.exit_code == 0
-    assert "does not state how unsure" in json.loads((tmp_path / "c" / "change.json").read_text())["remarks"][1]
-    assert json.loads((tmp_path / "c" / "change.json").read_text())["changes"] == []
+    note = json.loads((tmp_path / "c" / "change.json").read_text())
+    assert (
+        "does not state how unsure" in note["remarks"][1] and "silent does not state from where" in note["remarks"][2]
+    )
+    assert note["changes"] == [] == note["standing_or_moved"]
+
+
+@pytest.mark.system
+def test_what_stands_above_the_floor_is_listed_apart(tmp_path):
+    """A plate 25 cm above the floor, seen from either side: 10 cm apart; and a square that changed, away from it."""
+    rng = np.random.default_rng(4)
+    floor = albedo(rng, SHAPE)
+    later, cubes = floor.copy(), []
+    later[100:105, 50:55] *= 0.5
+    for ground, column in ((floor, 92), (later, 87)):
+        cube = ground.copy()
+        cube[50:80, column : column + 40] = np.linspace(0.3, 0.6, 12)
+        cubes.append(seen(rng, cube, (0.0, 0.0), 0.006)[0])
+    one, other = (
+        mosaic(tmp_path / name, cube, slant=slant)
+        for name, cube, slant in zip(("may", "june"), cubes, (0.2, -0.2), strict=True)
+    )
+    changes = []
+    for relief in (0.3, 0.0):
+        out = tmp_path / f"c{relief}"
+        assert run(one, other, "--relief", relief, "-o", out).exit_code == 0
+        note = json.loads((out / "change.json").read_text())
+        changes.append(note["changes"])
+        features = json.loads((out / "changes.geojson").read_text())["features"]
+        kinds = [feature["properties"]["kind"] for feature in features]
+        assert kinds.count("change") == len(note["changes"]) == note["figures"]["changes"]
+        assert (
+            kinds.count("standing or moved") == len(note["standing_or_moved"]) == note["figures"]["standing_or_moved"]
+        )
+        assert bool(note["standing_or_moved"]) == any("only elsewhere" in remark for remark in note["remarks"])
+        place = (567000.0 + 52.5 * CELL, 7036000.0 - 102.5 * CELL)
+        assert any(np.hypot(row["x_m"] - place[0], row["y_m"] - place[1]) < 0.06 for row in note["changes"])
+    assert len(changes[0]) <= 2 and len(changes[1]) >= len(changes[0]) + 2
 
 
 @pytest.mark.parametrize(

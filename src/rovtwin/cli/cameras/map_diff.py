@@ -21,18 +21,23 @@ def map_diff(
     false_share: Annotated[
         float, typer.Option(min=1e-6, max=0.5, help="Share of the named cells that may be false.")
     ] = 0.05,
+    relief: Annotated[
+        float,
+        typer.Option(min=0.0, max=10.0, help="How far things may stand above the mosaics' floor, or lie below it [m]."),
+    ] = 0.3,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="New folder; default change in MOSAIC_2.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Lay two mosaics of one place upon each other and map what changed beyond their errors.
 
     The second is registered to the first by its own pictures; noise, light, grain and what is left of the displacement
-    are measured on the cells that did not change. Out come the changes as GeoJSON with place, size and contrast, layers
-    (GeoTIFF), and report.html.
+    are measured on the cells that did not change. What both show, only elsewhere, is listed apart: it stands above the
+    floor, or was moved. Out come the changes as GeoJSON with place, size and contrast, layers, and report.html.
 
     Example: [bold]rovtwin map-diff may/mosaic june/mosaic -o change[/bold]
     """
-    from rovtwin.runs.mapping.difference import compared, written
+    from rovtwin.runs.mapping.difference import compared
+    from rovtwin.runs.mapping.difference_files import written
     from rovtwin.runs.mapping.difference_page import write_change_page
     from rovtwin.runs.mapping.result import Mosaic
 
@@ -41,9 +46,9 @@ def map_diff(
     if folder.exists():
         raise ConfigError(exists_already(folder))
     with progress_bar("{task.percentage:.0f} %") as bar:
-        task = bar.add_task("reading", total=4)
+        task = bar.add_task("reading", total=5)
         found = compared(
-            one, other, least, contrast, false_share,
+            one, other, least, contrast, false_share, relief,
             lambda what, done, count: bar.update(task, description=what, completed=done, total=count),
         )  # fmt: skip
     written(found, one, other, folder)

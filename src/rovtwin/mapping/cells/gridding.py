@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_matrix
 
-LAYERS = ("range", "incidence", "time", "depth")  # means that every part keeps beside its values
+LAYERS = ("range", "incidence", "time", "depth", "slant_x", "slant_y")  # means that parts keep beside their values
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,10 @@ from rovtwin.mapping.georeference import Georeference, Located
 from rovtwin.mapping.projection import Projection
 
 BLOCK = 64  # lines that make one part
-UNITS = {"range": "m", "incidence": "deg", "time": "s", "depth": "m", "coverage": "1", "noise": "1"}
+UNITS = {
+    "range": "m", "incidence": "deg", "time": "s", "depth": "m", "slant_x": "1", "slant_y": "1", "coverage": "1",
+    "noise": "1",
+}  # fmt: skip
 _FULL = 1e-3  # weight of a pixel with a band that is full: its cell has a hole there, unless others fill it
 _SHOWN = 550.0  # whose noise is a layer [nm]
 # More layers of pixels: from times (line,) and where pixels lie to name -> (line, pixel); with the unit of each.
@@ -85,6 +88,7 @@ class Job:
             np.degrees(np.arccos(np.clip(located.cosine, -1.0, 1.0))),
             np.broadcast_to((t - self.t[0])[:, None], located.way.shape),
             located.point[..., 2],
+            *self._slants(located),
         ]
         if self.more is not None:
             found = self.more(t, located)
@@ -94,6 +98,16 @@ class Job:
         made = gridded(cell.ravel(), weight.ravel(), flat, value.reshape(-1, bands), variance.reshape(-1, bands))
         missed = int((~located.valid & use[:, None]).sum())
         return made, {"saturated": full, "missed": missed, "no_number": value.size - numbers, "samples": value.size}
+
+    def _slants(self, located: Located) -> tuple[Float[np.ndarray, "line pixel"], Float[np.ndarray, "line pixel"]]:
+        """Way along the map's x and y from the imager to each pixel, for each metre down.
+
+        By so much a thing that stands higher than the floor lies farther out, for each metre of height.
+        """
+        way = located.point - located.position[:, None]
+        to_map = self.projection.slope(0.5 * (self.projection.low + self.projection.high))
+        slant = (way[..., :2] / way[..., 2:]) @ to_map.T
+        return slant[..., 0], slant[..., 1]
 
 
 def make_parts(job: Job, parts: Parts, progress: Callable[[int, int], None] | None = None) -> int:

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import binary_dilation, uniform_filter
 
 _LEAST = 1e-4  # value below which a logarithm says nothing
+_BESIDE = 2  # cells beside one without a number: of their pixels, too, the brightest may have been full
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class Channels:
     """An image of few channels.
 
     Attributes:
-        value: Logarithm of the mean over each group of bands; no number where nothing was seen.
+        value: Logarithm of the mean over each group of bands; no number where nothing was seen, nor beside that.
         noise: Its standard deviation by noise of the imager.
         wavelengths: Middle of each group [nm].
     """
@@ -55,6 +56,8 @@ def channels_of(
         good = mean > _LEAST
         value[good, k] = np.log(mean[good])
         sd[good, k] = np.sqrt(np.sum(noise[bands] ** 2)) / len(bands) / mean[good]
+    beside = np.asarray(binary_dilation(~np.isfinite(value).all(axis=2), iterations=_BESIDE), bool)
+    value[beside] = np.nan
     middles = np.array([wavelengths[bands].mean() for bands in groups])
     return Channels(value, sd, middles)
 
@@ -89,6 +92,11 @@ def box_mean(
     with np.errstate(all="ignore"):
         mean = np.where(share >= least - 1e-9, total / share, np.nan)
     return mean, share * size**2
+
+
+def box_means(image: Float[np.ndarray, "row column channel"], size: int) -> Float[np.ndarray, "row column channel"]:
+    """Means about each cell, channel by channel."""
+    return np.stack([box_mean(one, size)[0] for one in np.moveaxis(image, 2, 0)], axis=2)
 
 
 def without_trend(image: Float[np.ndarray, "row column channel"], size: int) -> Float[np.ndarray, "row column channel"]:

@@ -12,8 +12,8 @@ light and trend (a), how much of the grain survives the mean (b), and how far st
 terms, by medians, which the few that changed do not move. S is the correlation of the three, found without what stands
 out. T of unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail
 lies beyond the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the
-test more careful and not wrong. Of all cells those are named that keep the share of false ones below what was asked
-for.
+test more careful and not wrong; cells that stand far out, and those about them, do not count when it is read. Of all
+cells those are named that keep the share of false ones below what was asked for.
 
 Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2); the F of Student's t of many
 dimensions, Kotz and Nadarajah (2004), ch. 1; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1).
@@ -23,15 +23,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import binary_dilation
 from scipy.optimize import nnls
 from scipy.stats import chi2, f
 
-from rovtwin.mapping.change.channels import Channels, box_mean, without_trend
+from rovtwin.mapping.change.channels import Channels, box_mean, box_means, without_trend
 from rovtwin.mapping.change.displacement import Displacement, pulled_back
 
 TREND = 4.0  # times the least thing: over which light, range and grain are taken to be alike
 _ROUNDS = 8
 _ALIKE = (12, 5)  # classes of cells by misplacement, and in each by grain
+_FAR = 1e-3  # chance of a cell that may have changed, when nu is read a second time
 _TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
 _NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
 
@@ -47,7 +49,9 @@ class Test:
         chance: Probability of such a T where nothing changed.
         changed: Cells that are named.
         parts: a [1], b, e and c of brightness: c below 1 says that displacements are better than stated.
-        freedom: nu; few say that the tails are far wider than a Gaussian's.
+        scale: What makes a statistic of a difference.
+        trend: What was taken off the difference, by channel.
+        limit: Greatest chance of a cell that is named; -1 where none is.
     """
 
     difference: Float[np.ndarray, "row column channel"]
@@ -56,7 +60,47 @@ class Test:
     chance: Float[np.ndarray, "row column"]
     changed: Bool[np.ndarray, "row column"]
     parts: tuple[float, ...]
+    scale: "Scale"
+    trend: Float[np.ndarray, "row column channel"]
+    limit: float
+
+    def least_contrast(self, cells: int, false_share: float) -> float:
+        """Change of reflectance, as a share, from which a thing of so many cells is named over half of the floor,
+        where nothing else has changed: of many that changed fainter ones are named, too.
+        """
+        S, seen = self.scale.S, int(np.isfinite(self.chance).sum())
+        if not seen or not np.isfinite(self.scale.freedom):
+            return np.inf
+        T = f.isf(min(false_share * cells / seen, 1.0), len(S), self.scale.freedom)
+        return float(np.expm1(np.nanmedian(self.sd) * np.sqrt(len(S) * T / np.linalg.inv(S)[0, 0])))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What makes a statistic of a difference.
+
+    Attributes:
+        shapes: Weights of channels for brightness, colour and the rest.
+        spread: Standard deviation of each at each cell.
+        S: Correlation of the three over their standard deviations, scaled so that T has its median where F has.
+        freedom: nu; few say that the tails are far wider than a Gaussian's.
+    """
+
+    shapes: Float[np.ndarray, "channel shape"]
+    spread: Float[np.ndarray, "row column shape"]
+    S: Float[np.ndarray, "shape shape"]
     freedom: float
+
+    def statistic(
+        self, mean: Float[np.ndarray, "row column shape"], place: tuple[slice, ...] = (slice(None), slice(None))
+    ) -> Float[np.ndarray, "row column"]:
+        """T of mean differences by shape in a part of the cells; no number where one has none."""
+        z = mean / self.spread[place]
+        return np.asarray(np.einsum("...i,ij,...j->...", z, np.linalg.inv(self.S), z) / self.S.shape[0])
+
+    def chance(self, T: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Probability of such a T where nothing changed."""
+        return np.asarray(f.sf(T, self.S.shape[0], self.freedom))
 
 
 def tested(
@@ -75,10 +119,11 @@ def tested(
     box, wide = max(round(least / cell), 1), max(round(TREND * least / cell), 3)
     there = pulled_back(np.concatenate([second.value, second.noise**2], axis=2), moved.shift)
     count = first.value.shape[2]
-    d, noise = without_trend(there[:, :, :count] - first.value, wide), first.noise**2 + there[:, :, count:]
-    D = np.stack([box_mean(d[:, :, k], box)[0] for k in range(count)], axis=2)
-    z, parts, spread = [], [], []
-    for shape in _shapes(count):
+    raw, noise = there[:, :, :count] - first.value, first.noise**2 + there[:, :, count:]
+    d = without_trend(raw, wide)
+    D, shapes = box_means(d, box), _shapes(count)
+    parts, spread = [], []
+    for shape in shapes:
         one, image = d @ shape, first.value @ shape
         mean, cells = box_mean(one, box)
         smooth = box_mean(image, box)[0]
@@ -88,9 +133,12 @@ def tested(
         found, variance = _explained(mean, [grain, counted, steep * moved.sd**2])
         parts.append(tuple(float(value) for value in found))
         spread.append(np.sqrt(variance))
-        z.append(mean / spread[-1])
-    statistic, chance, freedom = _student(np.stack(z, axis=2))
-    return Test(D, spread[0], statistic, chance, _named(chance, false_share), parts[0], freedom)
+    scale = _student(D, np.stack(shapes, axis=1), np.stack(spread, axis=2), box)
+    statistic = scale.statistic(D @ scale.shapes)
+    chance = scale.chance(statistic)
+    limit = _limit(chance, false_share)
+    changed = np.nan_to_num(chance, nan=1.0) <= limit
+    return Test(D, spread[0], statistic, chance, changed, parts[0], scale, raw - d, limit)
 
 
 def _shapes(count: int) -> list[Float[np.ndarray, " channel"]]:
@@ -128,15 +176,29 @@ def _explained(
 
 
 def _student(
-    z: Float[np.ndarray, "row column channel"],
-) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], float]:
-    """T, its chance, and nu."""
-    count = z.shape[2]
+    D: Float[np.ndarray, "row column channel"],
+    shapes: Float[np.ndarray, "channel shape"],
+    spread: Float[np.ndarray, "row column shape"],
+    box: int,
+) -> Scale:
+    """S and nu of what did not change: without cells that stand far out, and those whose squares reach into theirs."""
+    z = D @ shapes / spread
     seen = np.isfinite(z).all(axis=2)
-    some = z[seen]
-    T, chance = np.full(z.shape[:2], np.nan), np.full(z.shape[:2], np.nan)
+    scale = _fitted(z[seen], shapes, spread)
+    if not np.isfinite(scale.freedom):
+        return scale
+    far = seen & (np.nan_to_num(scale.chance(scale.statistic(D @ shapes)), nan=1.0) < _FAR)
+    return _fitted(z[seen & ~np.asarray(binary_dilation(far, iterations=box), bool)], shapes, spread)
+
+
+def _fitted(
+    some: Float[np.ndarray, "n shape"],
+    shapes: Float[np.ndarray, "channel shape"],
+    spread: Float[np.ndarray, "row column shape"],
+) -> Scale:
+    count = shapes.shape[1]
     if len(some) < 10 * count:
-        return T, chance, np.nan
+        return Scale(shapes, spread, np.full((count, count), np.nan), np.nan)
     S = np.diag((np.median(np.abs(some), axis=0) / 0.6745) ** 2) + 1e-12 * np.eye(count)
     for _ in range(_ROUNDS):
         squares = _squares(some, S)
@@ -147,19 +209,15 @@ def _student(
     middle, tail = np.quantile(squares, [0.5, _TAIL])
     ratios = f.ppf(_TAIL, count, _NU) / f.ppf(0.5, count, _NU)
     freedom = float(_NU[np.argmin(np.abs(np.log(ratios / (tail / middle))))])
-    scaled = squares / middle * f.ppf(0.5, count, freedom)
-    T[seen], chance[seen] = scaled, f.sf(scaled, count, freedom)
-    return T, chance, freedom
+    return Scale(shapes, spread, S * middle / f.ppf(0.5, count, freedom), freedom)
 
 
 def _squares(z: Float[np.ndarray, "n channel"], S: Float[np.ndarray, "channel channel"]) -> Float[np.ndarray, " n"]:
     return np.einsum("ni,ij,nj->n", z, np.linalg.inv(S), z)
 
 
-def _named(chance: Float[np.ndarray, "row column"], false_share: float) -> Bool[np.ndarray, "row column"]:
-    """Cells whose chance is below Benjamini and Hochberg's line; that cells overlap makes it no more generous."""
-    seen = np.isfinite(chance)
-    some = np.sort(chance[seen])
+def _limit(chance: Float[np.ndarray, "row column"], false_share: float) -> float:
+    """Benjamini and Hochberg's: cells of a smaller chance are named; that cells overlap makes it no more generous."""
+    some = np.sort(chance[np.isfinite(chance)])
     below = np.flatnonzero(some <= false_share * np.arange(1, len(some) + 1) / max(len(some), 1))
-    limit = some[below[-1]] if below.size else -1.0
-    return seen & (np.nan_to_num(chance, nan=1.0) <= limit)
+    return float(some[below[-1]]) if below.size else -1.0

@@ -14,29 +14,38 @@ from rovtwin.report.parts.style import SMALL, TINY, new_figure, note
 _STEP = 0.5  # between arrows [m]
 
 
-def changes(sheet: Sheet, places: Sequence[tuple[float, float]], radii: Sequence[float]) -> Figure:
-    """The first mosaic with a numbered ring about each change.
+Rings = Sequence[tuple[tuple[float, float], float]]  # middle, x and y of the sheet's axes, and radius [m]
+
+
+def changes(sheet: Sheet, rings: Rings, elsewhere: Rings) -> Figure:
+    """The first mosaic with a numbered ring about each change, a dashed one about what stands or was moved.
 
     Args:
         sheet: The first mosaic.
-        places: Middles, x and y of the sheet's axes [m].
-        radii: Of the rings [m].
+        rings: Of the changes.
+        elsewhere: Of what both mosaics show, only in another place.
     """
     figure = new_figure(height=sheet_height(sheet, 7.0))
     axes = figure.subplots()
     axes.set_facecolor("#dfe5ea")
     lay(axes, sheet, sheet.rgb)
-    for number, (place, radius) in enumerate(zip(places, radii, strict=True), start=1):
-        axes.add_patch(Circle(place, radius, fill=False, edgecolor="#ffffff", linewidth=2.2))
-        axes.add_patch(Circle(place, radius, fill=False, edgecolor="#d7301f", linewidth=1.2))
-        axes.annotate(
-            str(number), (place[0] + 0.7 * radius, place[1] + 0.7 * radius), (2, 2), textcoords="offset points",
-            fontsize=SMALL, color="white",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "#00000099", "edgecolor": "none"},
-        )  # fmt: skip
+    for number, (place, radius) in enumerate(rings, start=1):
+        _ring(axes, place, radius, "#d7301f", "-", str(number))
+    for number, (place, radius) in enumerate(elsewhere, start=1):
+        _ring(axes, place, radius, "#2166ac", (0, (3, 2)), f"s{number}")
     axes.set(xlim=sheet.extent[:2], ylim=sheet.extent[2:])
     note(axes, sheet.about())
     return figure
+
+
+def _ring(axes: Any, place: tuple[float, float], radius: float, colour: str, line: Any, label: str) -> None:
+    axes.add_patch(Circle(place, radius, fill=False, edgecolor="#ffffff", linewidth=2.2))
+    axes.add_patch(Circle(place, radius, fill=False, edgecolor=colour, linewidth=1.2, linestyle=line))
+    axes.annotate(
+        label, (place[0] + 0.7 * radius, place[1] + 0.7 * radius), (2, 2), textcoords="offset points",
+        fontsize=SMALL, color="white",
+        bbox={"boxstyle": "round,pad=0.15", "facecolor": "#00000099", "edgecolor": "none"},
+    )  # fmt: skip
 
 
 def difference(

@@ -7,6 +7,7 @@ import numpy as np
 
 from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import LogError
+from rovtwin.mapping.change.things import Thing
 from rovtwin.mapping.projection import project
 from rovtwin.report.mapping import change as figures
 from rovtwin.report.mapping.figures import Sheet
@@ -20,15 +21,17 @@ _LABELS = {
     "compared_m2": "compared [m2]",
     "changes": "changes",
     "changed_m2": "changed [m2]",
+    "standing_or_moved": "in both, only elsewhere: standing above the floor, or moved (s)",
     "shift_north_east_m": "second lies north, east of the first by [m]",
     "shift_varies_m": "shift within, standard deviation [m]",
     "shift_sd_m": "shift, uncertainty [m]",
     "patches": "patches found again",
     "patches_dropped": "patches that disagreed",
+    "least_contrast_named": "change of a single thing that is named over half of the floor",
     "sd_of_change": "standard deviation of a change, median",
 }
 _FILES = {
-    "changes.geojson": "outlines of the changes, with size and contrast",
+    "changes.geojson": "outlines of the changes, and of what stands or was moved, with size and contrast",
     "change.tif": "change, its standard deviation, its chance, shift: cloud-optimised GeoTIFF",
     "change.json": "figures, and all changes",
 }
@@ -38,15 +41,14 @@ _MOST = 60  # changes that the table lists
 def write_change_page(folder: Path, found: Difference, first: Mosaic, second: Mosaic) -> Path:
     """Write `report.html` and its figures."""
     grid, sheet = found.grid, _sheet(found, first)
-    left, _, _, top = sheet.extent
-    places = [(left + (one.place[1] + 0.5) * grid.cell, top - (one.place[0] + 0.5) * grid.cell) for one in found.things]
-    radii = [0.75 * max(*one.size, 0.1) for one in found.things]
+    rings, elsewhere = _rings(found.things, sheet), _rings(found.elsewhere, sheet)
     shift = np.stack([found.moved.shift[:, :, 1], -found.moved.shift[:, :, 0]], axis=2) * grid.cell
     brightness = np.expm1(found.test.difference.mean(axis=2))
     pictures = [
         save(
-            figures.changes(sheet, places, radii), folder, "changes", "What changed",
-            "The first mosaic; a ring about each change, numbered from the surest.",
+            figures.changes(sheet, rings, elsewhere), folder, "changes", "What changed",
+            "The first mosaic; a ring about each change, numbered from the surest; dashed (s) what both mosaics show, "
+            "only elsewhere: it stands above or below their floor, or was moved.",
         ),
         save(
             figures.difference(sheet, brightness, shift, found.seen), folder, "difference", "Difference and shift",
@@ -55,17 +57,33 @@ def write_change_page(folder: Path, found: Difference, first: Mosaic, second: Mo
         ),
     ]  # fmt: skip
     rows = [[_LABELS[name], _shown(value)] for name, value in found.figures.items()]
-    rows += [
-        [
-            f"{number}: x {sheet.origin[0] + x:.2f}, y {sheet.origin[1] + y:.2f}",
-            f"{100 * one.contrast.mean():+.0f} ± {100 * 2.0 * one.sd:.0f} %, {1e4 * one.area:.0f} cm2",
-        ]
-        for number, (one, (x, y)) in enumerate(zip(found.things, places, strict=True), start=1)
-        if number <= _MOST
-    ]
-    more = f"{len(found.things) - _MOST} more are in changes.geojson." if len(found.things) > _MOST else ""
+    rows += _listed("", found.things, rings, sheet) + _listed("s", found.elsewhere, elsewhere, sheet)
+    hidden = max(len(found.things) - _MOST, 0) + max(len(found.elsewhere) - _MOST, 0)
+    more = f"{hidden} more are in changes.geojson." if hidden else ""
     title = f"What changed: {first.folder.name} to {second.folder.name}"
     return write_map_page(folder, title, Table("", ["", ""], rows, more), found.remarks, pictures, _FILES)
+
+
+def _rings(some: list[Thing], sheet: Sheet) -> figures.Rings:
+    left, _, _, top = sheet.extent
+    return [
+        (
+            (left + (one.place[1] + 0.5) * sheet.cell, top - (one.place[0] + 0.5) * sheet.cell),
+            0.75 * max(*one.size, 0.1),
+        )
+        for one in some
+    ]
+
+
+def _listed(kind: str, some: list[Thing], rings: figures.Rings, sheet: Sheet) -> list[list[str]]:
+    return [
+        [
+            f"{kind}{number}: x {sheet.origin[0] + x:.2f}, y {sheet.origin[1] + y:.2f}",
+            f"{100 * one.contrast.mean():+.0f} ± {100 * 2.0 * one.sd:.0f} %, {1e4 * one.area:.0f} cm2",
+        ]
+        for number, (one, ((x, y), _)) in enumerate(zip(some, rings, strict=True), start=1)
+        if number <= _MOST
+    ]
 
 
 def _sheet(found: Difference, first: Mosaic) -> Sheet:

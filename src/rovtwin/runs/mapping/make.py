@@ -46,7 +46,7 @@ from rovtwin.runs.mapping.result import CUBE, Mosaic
 from rovtwin.runs.mapping.selection import Lines, lines_to_use
 from rovtwin.runs.mapping.sources import Inputs, open_inputs
 
-_FORMAT = 2  # of what parts are made of: a change that changes them raises it
+_FORMAT = 3  # of what parts are made of: a change that changes them raises it
 _SAMPLED = 24  # lines of which the budget of uncertainty is taken
 _MARGIN = 0.05  # of the grid beyond the pixels that are located to lay it out [m]
 _EVERY = 8  # lines from one whose ends are located, for the mosaic's box, to the next

@@ -16,7 +16,7 @@ WHAT = {
     "mosaic.nc": "all bands and layers: netCDF by the CF conventions",
     "rgb.tif": "picture: cloud-optimised GeoTIFF with opacity",
     "rgb.png": "picture",
-    "layers.tif": "range, incidence, time, depth, sigmas of the place, coverage, noise: cloud-optimised GeoTIFF",
+    "layers.tif": "range, incidence, time, depth, slants, sigmas of places, coverage, noise: cloud-optimised GeoTIFF",
     "gaps.geojson": "what was not seen inside the area",
     "ties.geojson": "ties and control points of the registration: residuals before and after, kept or dropped",
     "navigation.csv": "poses as Immersion reads them",
