@@ -77,6 +77,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"checks", "noise", "relief", "scene", "vehicle_firmware"},
         {"battery", "camera", "environment", "events", "imager", "mismatch", "roll_out", "sensors", "tether"},
         {"twin"},
+        {"stepping"},
     ],
     "report": [
         {"flight", "series"},

@@ -36,9 +36,9 @@ def map_diff(
 
     Example: [bold]rovtwin map-diff may/mosaic june/mosaic -o change[/bold]
     """
-    from rovtwin.runs.mapping.difference import compared
-    from rovtwin.runs.mapping.difference_files import written
-    from rovtwin.runs.mapping.difference_page import write_change_page
+    from rovtwin.runs.mapping.change.difference import compared
+    from rovtwin.runs.mapping.change.files import written
+    from rovtwin.runs.mapping.change.page import write_change_page
     from rovtwin.runs.mapping.result import Mosaic
 
     one, other = Mosaic.read(first), Mosaic.read(second)

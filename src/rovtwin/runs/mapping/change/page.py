@@ -14,7 +14,7 @@ from rovtwin.report.mapping.figures import Sheet
 from rovtwin.report.mapping.page import write_map_page
 from rovtwin.report.parts.page import save
 from rovtwin.report.parts.tables import Table
-from rovtwin.runs.mapping.difference import Difference
+from rovtwin.runs.mapping.change.difference import Difference
 from rovtwin.runs.mapping.result import Mosaic
 
 _LABELS = {

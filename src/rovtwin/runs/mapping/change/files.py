@@ -10,7 +10,7 @@ from rovtwin.core.user_files.files import write_text
 from rovtwin.mapping.change.things import Thing
 from rovtwin.mapping.formats.geotiff import write_layers
 from rovtwin.mapping.formats.vectors import polygons, write_geojson
-from rovtwin.runs.mapping.difference import Difference
+from rovtwin.runs.mapping.change.difference import Difference
 from rovtwin.runs.mapping.result import Mosaic
 
 LAYERS = {
