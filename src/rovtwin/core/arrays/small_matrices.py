@@ -1,17 +1,21 @@
 """Products and solutions of small matrices, written out: in a compiled loop far quicker than a library's calls."""
 
+from functools import partial
+
 from jaxtyping import Float
 
-from rovtwin.core.numerics import Array, jnp, traced_once
+from rovtwin.core.numerics import Array, jax, jnp, traced_once
 from rovtwin.core.types import Scalar
 
 
 @traced_once
-def product(A: Float[Array, "m n"], B: Float[Array, " n *p"]) -> Float[Array, " m *p"]:
+def product(A: Float[Array, "m n"], B: Float[Array, "n p"]) -> Float[Array, "m p"]:
     """A B of two matrices as a sum of outer products: in a scan 10 times as fast as the library's call or one sum."""
-    total = A[:, 0, None] * B[0]
+    # Columns and rows that stay matrices are half as many operations to compile as vectors.
+    column, row = partial(jax.lax.slice_in_dim, A, axis=1), partial(jax.lax.slice_in_dim, B, axis=0)
+    total = column(0, 1) * row(0, 1)
     for k in range(1, A.shape[1]):
-        total = total + A[:, k, None] * B[k]
+        total = total + column(k, k + 1) * row(k, k + 1)
     return total
 
 

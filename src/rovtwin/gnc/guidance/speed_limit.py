@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from rovtwin.core.flow import Estimate
 from rovtwin.core.frames import heading_rotation
-from rovtwin.core.numerics import Array, as_array, in_numpy, jnp, module_for
+from rovtwin.core.numerics import Array, as_array, in_numpy, jnp, module_for, traced_once
 from rovtwin.core.types import Flag, Scalar, Vector2, Vector6
 from rovtwin.gnc.guidance.level_speed import LevelSpeed
 from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
@@ -77,6 +77,7 @@ class AchievableSpeed(eqx.Module):
         push = np.where(some, force / mass, FREE)[:, 1]
         return cls(linear, quadratic, speed, push, mass, level)
 
+    @traced_once
     def current(self, estimate: Estimate) -> Vector2:
         """The current that would disturb the vehicle as much, n [m/s]."""
         to_n = heading_rotation(estimate.heading)
@@ -85,6 +86,7 @@ class AchievableSpeed(eqx.Module):
         speed = speed_of_drag(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
         return to_n @ (nu - jnp.sign(drag) * speed)
 
+    @traced_once
     def through_water(self, estimate: Estimate) -> Vector6:
         """Velocity through that current, b [m/s, rad/s]; rolled or pitched, some of it is along heave."""
         R_nb = estimate.R_nb
@@ -119,6 +121,7 @@ class AchievableSpeed(eqx.Module):
         slower = xp.min(most[:, 1])
         return as_array(xp.where(slower < FREE, slower, 0.0))
 
+    @traced_once
     def level_heading(self, preferred: Scalar, way: Vector2, current: Vector2, heading: Scalar) -> Scalar:
         """Heading nearest to a preferred one at which it keeps up a way over ground and stays level [rad].
 

@@ -30,7 +30,7 @@ from rovtwin.core.arrays.integrate import rk4_step
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, rotation_from_quaternion
-from rovtwin.core.numerics import Array, jax, jnp, module_for
+from rovtwin.core.numerics import Array, jax, jnp, module_for, traced_once
 from rovtwin.core.types import Matrix6, PerThruster, Quaternion, Scalar, ScalarLike, Vector3, Vector6
 from rovtwin.vehicle.physics.boundaries import surroundings_wrench
 from rovtwin.vehicle.physics.discrepancy import discrepancy_wrench
@@ -133,6 +133,7 @@ def restoring_lever(weight: Any, buoyancy: Any, r_g: Any, r_b: Any) -> Any:
     return weight * r_g - buoyancy * r_b
 
 
+@traced_once
 def acceleration(
     model: Model,
     position: Vector3,
