@@ -116,7 +116,12 @@ MADE = {
 }
 
 
-@pytest.fixture(scope="module", params=MADE)
+def flying(name):
+    """Marks of what a flight is needed for, which takes seconds."""
+    return [pytest.mark.system] if name in ("Flight", "Log") else []
+
+
+@pytest.fixture(scope="module", params=[pytest.param(one, marks=flying(one)) for one in MADE])
 def result(request):
     return MADE[request.param]()
 
@@ -360,12 +365,12 @@ def test_channels_of_a_log_keep_their_clocks_and_repeated_times():
 def methods():
     for name in MADE:
         of = getattr(rovtwin, name)
-        yield pytest.param(name, of, id=name)
+        yield pytest.param(name, of, id=name, marks=flying(name))
         for method in dir(of):
             what = getattr(of, method)
             shown = not method.startswith("_") and callable(what) and ">>>" in (what.__doc__ or "")
             if method in FACE[:-1] or shown:
-                yield pytest.param(name, what, id=f"{name}.{method}")
+                yield pytest.param(name, what, id=f"{name}.{method}", marks=flying(name))
 
 
 @pytest.fixture(scope="module")

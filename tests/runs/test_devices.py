@@ -83,12 +83,14 @@ def test_the_altimeter_reads_the_height_above_the_floor(flight):
     assert len(altimeter) == 70
 
 
+@pytest.mark.system
 def test_the_filter_passes_over_what_it_does_not_know(flight):
     dof = flight.log["autopilot/nis_dof"]
     assert not dof["altimeter"].any() and not dof["leak"].any() and dof["pressure"].any()
 
 
 @pytest.mark.slow
+@pytest.mark.system
 def test_log_and_report_name_the_faults(flight, tmp_path):
     listed = json.loads(flight.log.metadata["faults"])
     assert listed[0] == {"what": "port.surge dead", "start": 2.0, "end": 4.0, "thrusters": ["port.surge"]}
@@ -98,6 +100,7 @@ def test_log_and_report_name_the_faults(flight, tmp_path):
         assert text in page
 
 
+@pytest.mark.system
 def test_the_written_scenario_has_the_same_faults(flight):
     written = load_scenario(flight.folder / "scenario.yaml")
     assert written.faults == flight.scenario.faults and written.battery == flight.scenario.battery
@@ -195,6 +198,7 @@ def drained(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.system
 def test_a_unit_whose_battery_is_empty_loses_its_thrusters(drained):
     battery, thrust = drained.log["truth/battery"], drained.log["truth/thrust"]
     assert battery.channel.fields == ("port_charge", "starboard_charge", "port_power", "starboard_power")
@@ -208,6 +212,7 @@ def test_a_unit_whose_battery_is_empty_loses_its_thrusters(drained):
 
 
 @pytest.mark.slow
+@pytest.mark.system
 def test_energy_is_in_summary_and_report(drained, tmp_path):
     power = drained.log["truth/battery"].values[:, 2:].sum(axis=1)
     assert drained.figures["energy_wh"] == pytest.approx(power.sum() * 0.1 / 3600, rel=0.05)

@@ -145,6 +145,7 @@ def test_the_way_home_leads_home(flight):
     assert np.hypot(*(home[-1, :2] - [1, 2])) < np.hypot(*(home[0, :2] - [1, 2]))
 
 
+@pytest.mark.system
 def test_a_hand_tilts_the_vehicle_and_lets_go(flight):
     hand, free = during(flight.log, "hand", "truth/eta"), during(flight.log, "release", "truth/eta")
     assert np.degrees(hand[-1, 3]) == pytest.approx(30.0, abs=0.5)
@@ -156,6 +157,7 @@ def test_a_hand_tilts_the_vehicle_and_lets_go(flight):
     assert not during(flight.log, "release", "truth/external_wrench")[1:].any()
 
 
+@pytest.mark.system
 def test_the_log_has_every_command_every_reading_and_what_a_reader_must_know(flight):
     log = Log.read(flight.folder / "log.mcap")
     assert np.allclose(np.diff(log["autopilot/command"].t), 0.02)
@@ -178,6 +180,7 @@ def test_the_log_has_every_command_every_reading_and_what_a_reader_must_know(fli
 
 
 @pytest.mark.slow
+@pytest.mark.system
 def test_records_are_what_the_log_holds_without_the_hands(flight, records, scenario):
     mine = records[0]
     assert [(r.start, r.end) for r in mine] == free_spans(scenario) == [(0.0, 26.0), (31.0, 36.0)]
@@ -200,6 +203,7 @@ def test_records_are_what_the_log_holds_without_the_hands(flight, records, scena
 
 
 @pytest.mark.slow
+@pytest.mark.system
 def test_identification_reads_the_log_and_leaves_out_the_hands(flight, records):
     read = read_records(flight.folder / "log.mcap", load_vehicle("double_blueye"))
     assert len(read) == len(records[0]) == 2
@@ -248,6 +252,7 @@ def _euler(R):
 
 
 @pytest.mark.slow
+@pytest.mark.system
 def test_vehicles_side_by_side_have_noise_and_parameters_of_their_own(scenario, records):
     model = load_vehicle("double_blueye").model()
     plants = stack([model, perturbed(model, jax.random.key(3), 0.3, 1.2, 0.8)])

@@ -42,6 +42,7 @@ def test_a_run_leaves_log_scenario_and_summary(flight):
     assert {"seed", "version", "python", "jax", "vehicle_table", "created"} <= set(log.metadata)
 
 
+@pytest.mark.system
 def test_a_run_shows_its_figures_and_its_path_in_a_notebook(flight):
     assert repr(flight).startswith("<Flight of short, seed 1: not completed: not finished after 12 s")
     shown = flight._repr_html_()
@@ -51,6 +52,7 @@ def test_a_run_shows_its_figures_and_its_path_in_a_notebook(flight):
     assert max(len(line.get_xdata()) for line in flight.plot().lines) > 100
 
 
+@pytest.mark.system
 def test_sensors_are_logged_at_their_own_rates_without_repeats(flight):
     counts = {name: len(flight.log[f"sensor/{name}"]) for name in ("position", "pressure", "gyro")}
     assert counts == {"position": 12, "pressure": 12 * 42, "gyro": 1200}
@@ -59,30 +61,36 @@ def test_sensors_are_logged_at_their_own_rates_without_repeats(flight):
         assert np.all(np.diff(stamps) > 0)
 
 
+@pytest.mark.system
 def test_the_same_scenario_and_seed_give_the_same_data_bit_for_bit(flight, short, tmp_path):
     assert flight.log.equal_data(fly(short, tmp_path / "again").log)
 
 
+@pytest.mark.system
 def test_another_seed_gives_other_data(flight, short):
     other = fly(short.model_copy(update={"seed": 2}))
     assert not flight.log.equal_data(other.log)
 
 
+@pytest.mark.system
 def test_the_written_scenario_flies_the_same_run(flight, tmp_path):
     replayed = fly(load_scenario(flight.folder / "scenario.yaml"), tmp_path / "replayed")
     assert flight.log.equal_data(replayed.log)
 
 
+@pytest.mark.system
 def test_a_run_in_memory_is_the_run_on_disk(flight, short):
     assert flight.log.equal_data(fly(short).log)
 
 
+@pytest.mark.system
 def test_progress_says_when_a_long_run_is_compiled_again(short):
     seen = []
     fly(short, progress=lambda t, phase: seen.append((round(t), "compiling" in phase)), short=150)
     assert [t for t, again in seen if again] == [3] and len(seen) > 10
 
 
+@pytest.mark.system
 def test_a_run_never_overwrites_another(flight, short):
     with pytest.raises(ConfigError, match="exists already"):
         fly(short, flight.folder)
