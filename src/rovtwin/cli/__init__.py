@@ -1,5 +1,6 @@
 """The command line: `rovtwin --help`. Numerics are imported inside the commands, so that help answers at once."""
 
+import atexit
 import gc
 import os
 import re
@@ -138,6 +139,7 @@ def main() -> None:
     """Entry point: what the user can mend is one message and exit code 2, never a traceback."""
     # OpenBLAS's threads wait for more work as busily as they work, 30 ms each time: let them sleep sooner.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "16")
+    atexit.register(gc.freeze)  # or Python would look through all there is once more before it ends: up to a second
     gc.set_threshold(50_000)  # importing and composing make many objects that stay: looking for waste is a tenth of it
     try:
         readable(typer.main.get_command(app))()
@@ -152,5 +154,3 @@ def main() -> None:
         # A folder that cannot be written, a name that is too long, a full disk: the system says what and where.
         report_error(type(error)(cannot(error)), as_json="--json" in sys.argv)
         sys.exit(2)
-    finally:
-        gc.freeze()  # or Python would look through all there is once more before it ends: up to a second

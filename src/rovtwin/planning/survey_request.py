@@ -85,7 +85,7 @@ class SurveyRequest:
     @property
     def settings(self) -> tuple[str, ...]:
         """All that changes the scenario, in order: a relief that is set needs the floor first."""
-        return (*(() if self.floor is None else (f"world.floor={self.floor!r}",)), *self.overrides)
+        return (*(() if self.floor is None else (f"world.floor={float(self.floor)!r}",)), *self.overrides)
 
     def sets(self, *keys: str) -> str | None:
         """The first key among the overrides that is one of these, lies in one of them or holds one; None: none."""

@@ -33,6 +33,8 @@ def test_there_and_back_compiled_and_on_the_host():
     assert vector.shape == (layout.size,) and vector.dtype == jnp.float64
     assert_same(jax.jit(layout.unflatten)(vector), TREE)
     assert_same(layout.unflatten(np.asarray(vector)), TREE)
+    on_the_host = layout.flatten(TREE)
+    assert isinstance(on_the_host, np.ndarray) and on_the_host.tobytes() == np.asarray(vector).tobytes()
 
 
 def test_not_a_number_stays_one():

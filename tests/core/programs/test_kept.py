@@ -19,7 +19,7 @@ from rovtwin.core.arrays.flat import Flat, Layout
 from rovtwin.core.block import Start
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.core.programs import kept, values
-from rovtwin.core.programs.compiled import Compiled, in_one_piece, jit_once
+from rovtwin.core.programs.compiled import Compiled, in_one_piece, jit_once, shapes_in_one_piece
 from rovtwin.core.programs.description import Description, Undescribed
 from rovtwin.gnc.safety.rules import Rules
 from rovtwin.runs.loop import Loop
@@ -340,3 +340,35 @@ def test_another_context_is_another_program_in_this_process_too():
     with jax.disable_jit():
         assert (doubled(jnp.eye(2)) == jnp.eye(2)).all()
     assert seen[:2] == [None, "highest"]
+
+
+def scaled(x):
+    return vars(small_matrices)["SCALE"] * x
+
+
+def test_a_kept_program_holds_no_trace_from_before_a_constant_changed(folder, monkeypatch):
+    """JAX keeps the traces of functions inside, whatever their constants are meanwhile."""
+    home = small_matrices.__dict__
+    inner = numerics.traced_once(types.FunctionType(scaled.__code__, home | {"small_matrices": small_matrices}))
+    found = []
+    for scale in (1.0, 5.0):
+        monkeypatch.setattr(small_matrices, "SCALE", scale, raising=False)
+        monkeypatch.setattr(small_matrices, "inner", inner, raising=False)
+
+        def outer(x):
+            return inner(x) + vars(small_matrices)["SCALE"]
+
+        monkeypatch.setattr(kept, "key_of", lambda *given, scale=scale: f"{scale:040.1f}")
+        found.append(float(jit_once(outer)(jnp.asarray(1.0))))
+    assert found == [2.0, 10.0]
+    assert len(list(folder.iterdir())) == 2
+
+
+def test_shapes_are_kept_and_found_without_a_trace(folder, monkeypatch):
+    traced = []
+    monkeypatch.setattr(jax, "eval_shape", lambda *given, of=jax.eval_shape: traced.append(1) or of(*given))
+    like = shapes_in_one_piece(small_matrices.summed_product, MATRIX, MATRIX)
+    again = shapes_in_one_piece(small_matrices.summed_product, MATRIX, MATRIX)
+    other = shapes_in_one_piece(small_matrices.summed_product, MATRIX, MATRIX[:, :2])
+    assert len(traced) == 2 and like == again and (like.shape, other.shape) == ((3, 3), (3, 2))
+    assert {file.name.rpartition("-")[0] for file in folder.iterdir()} == {"summed_product-shapes"}

@@ -44,6 +44,7 @@ class WorldLink(TwinLink):
         self._reached = np.inf  # time whose command the autopilot has sent, once it tells it [s]
         self._leash = LEASH if simulation.scenario.test is None else 0.0
         self._advance_(memory, Command(jnp.zeros_like(self._healthy)), 0)  # compiled before anybody waits for it
+        self._truth = np.zeros(10)
 
     def _advance_(self, memory: Any, command: Command, k: int) -> Any:
         memory, measurements, truth = step_twin(self._twin, memory, command.u, np.asarray(k), dt=self._dt)

@@ -61,6 +61,7 @@ def shapes_in_one_piece(function: Callable[..., Any], *arguments: Any, **static:
     held = kept.read(name, key) if key else None
     if held is not None and not kept.is_checked():
         return held
+    kept.forget_old_traces()
     with _unmarked():
         found = jax.eval_shape(partial(function, **static), *arguments)
     if held is not None and jax.tree.flatten(held) != jax.tree.flatten(found):
@@ -143,6 +144,7 @@ class Compiled(Described):
         found = kept.load(name, key, arguments) if key else None
         if found and not kept.is_checked():
             return found.call
+        kept.forget_old_traces()
         lowered, compiled, in_cache = self._compile(arguments, static)
         if found and found.source != kept.source_of(lowered):
             raise kept.WrongProgram(f"{kept.path_of(name, key or '')}: found another program than that of its key")

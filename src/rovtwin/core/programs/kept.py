@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 from jax.experimental import serialize_executable
 
 from rovtwin.core.numerics import cache_folder, jax
-from rovtwin.core.programs.description import LIBRARIES, Description, Undescribed
+from rovtwin.core.programs.description import LIBRARIES, OURS, Described, Description, Undescribed
 from rovtwin.core.user_files.files import write_bytes
 
 
@@ -170,6 +170,38 @@ def _settings() -> tuple[Any, ...]:
     return values, tuple(item for item in context if not any(item is one for one in (*axes, *meshes)))
 
 
+class _Names(Described):
+    """What the names in this package's modules stood for when something was traced last."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, dict[str, Any]] = {}
+
+    def described(self) -> Any:
+        return None
+
+    def changed(self) -> bool:
+        """Whether one that was there stands for another object; from now on those of now count."""
+        now = {name: dict(vars(module)) for name, module in list(sys.modules.items()) if name.partition(".")[0] == OURS}
+        both = self._held.keys() & now.keys()
+        found = any(held is not now[name].get(key, held) for name in both for key, held in self._held[name].items())
+        self._held.update(now)
+        return found
+
+
+_names = _Names()
+
+
+def forget_old_traces() -> None:
+    """Before a program is traced that will be kept: it must not hold parts of what has changed since.
+
+    JAX keeps the traces of functions inside (`traced_once`), whatever a constant has been set to meanwhile. So all are
+    forgotten where a name in a module of this package stands for another object than when something was traced last.
+    """
+    if _names.changed():
+        logger.debug("a name of this package was set anew: old traces are forgotten")
+        jax.clear_caches()
+
+
 def path_of(name: str, key: str) -> Path:
     """The file of what is kept under a key."""
     return cache_folder() / "programs" / f"{name}-{key}"
@@ -222,8 +254,10 @@ def write(name: str, key: str, held: Any) -> None:
 
 
 def try_to_write(name: str, key: str, held: Any) -> None:
-    """The same; what cannot be kept is made anew next time."""
+    """The same; what cannot be kept, or is not the same read back, is made anew next time."""
     try:
+        if jax.tree.structure(pickle.loads(_pickled(held))) != jax.tree.structure(held):
+            raise ValueError("what was written is not the same read back")
         write(name, key, held)
     except Exception as error:  # a full disk, or what cannot be pickled
         logger.debug("%s: not kept: %s", name, error)

@@ -4,7 +4,6 @@ For what follows from a vehicle and takes longer than to read it again, or needs
 """
 
 import copy
-import logging
 import pickle
 from collections import OrderedDict
 from collections.abc import Callable
@@ -13,8 +12,6 @@ from typing import Any, Generic, ParamSpec, TypeVar
 from rovtwin.core.numerics import Tracer, jax
 from rovtwin.core.programs import kept
 from rovtwin.core.programs.description import Described
-
-logger = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -43,10 +43,16 @@ def checked(path: str | Path, most: float = MOST_TEXT) -> Path:
 
 
 def is_file(path: str | Path) -> bool:
-    """Whether there is such a file; a name that no file can have, such as one that is too long, is that of none."""
+    """Whether there is such a file; a name that is too long for any file is that of none.
+
+    Raises:
+        OSError: The system does not let it be seen.
+    """
     try:
         return Path(path).is_file()
-    except OSError:
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
         return False
 
 
