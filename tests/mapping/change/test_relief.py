@@ -1,5 +1,7 @@
 """What stands above the modelled floor is seen elsewhere by a line beside it: it is no change, and hides none."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.mapping.change import seabed
@@ -172,6 +174,18 @@ def test_a_thing_of_which_half_is_explained_counts_as_a_change():
     half = np.broadcast_to(np.arange(SHAPE[1]) < np.median(columns), SHAPE)  # neither is as large as a thing must be
     changes, elsewhere = sorted_out(test, half & one.cells, CELL, 1.2 * LEAST, 0.1)
     assert len(near(changes, (120, 40))) == 1 and not near(elsewhere, (120, 40))
+
+
+def test_a_thing_that_shares_a_few_cells_with_a_listed_one_is_listed_too():
+    """12 cells at the left without, 10 in the middle with a height, too few each; 16 fainter ones at the right."""
+    change = np.zeros((30, 40, 1))
+    change[10:14, 10:13], change[11:13, 13:18], change[10:14, 18:22], change[10:13, 18] = 0.5, 0.5, 0.2, 0.3
+    changed, height = change[:, :, 0] > 0, np.zeros((30, 40), bool)
+    height[11:13, 13:18] = True
+    chance, sd = np.where(changed, 1e-6, 1.0), np.full((30, 40), 0.01)
+    test = SimpleNamespace(difference=change, changed=changed, sd=sd, chance=chance)
+    changes, elsewhere = sorted_out(test, height, CELL, LEAST, 0.1)  # pyright: ignore[reportArgumentType]
+    assert not elsewhere and sorted(int(one.cells.sum()) for one in changes) == [16, 12 + 10 + 3]
 
 
 def test_the_contrast_that_is_named_is_what_is_stated():
