@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation, find_objects, label
+from scipy.stats import f
 
 from rovtwin.mapping.change.detect import Test
 
@@ -59,6 +60,23 @@ def things(
     among = np.ones(test.changed.shape, bool) if among is None else among
     found = [one for one in _connected(test, among, cell, least) if np.sqrt(np.mean(one.contrast**2)) >= contrast]
     return sorted(found, key=lambda one: one.chance)
+
+
+def least_contrast(test: Test, cell: float, least: float, false_share: float) -> float:
+    """Change of brightness, as a share, from which a single thing is listed over half of the floor.
+
+    Of the mean over the least thing such a thing's middle has all of the change, cells beside it less: a triangle each
+    way. As many of them as a thing must have, or more, are to be named among all cells, where nothing else has changed.
+    """
+    S, seen, side = test.scale.S, int(np.isfinite(test.chance).sum()), max(round(least / cell), 1)
+    if not seen or not np.isfinite(test.scale.freedom):
+        return np.inf
+    share = 1.0 - np.abs(np.arange(1 - side, side)) / side
+    response = np.sort(np.outer(share, share).ravel())[::-1]
+    count = np.arange(1, len(response) + 1)
+    T = f.isf(np.minimum(false_share * count / seen, 1.0), len(S), test.scale.freedom)
+    change = np.sqrt(len(S) * T / np.linalg.inv(S)[0, 0]) / response
+    return float(np.expm1(np.nanmedian(test.sd) * change[count * cell**2 >= _NAMED * least**2 - 1e-12].min()))
 
 
 def sorted_out(
