@@ -204,3 +204,13 @@ def test_numbers_of_32_bits_a_cloud_and_a_file_that_is_none_are_named(tmp_path):
         mesh_floor(path, DATUM, *BOX, MeshFrame())
     with pytest.raises(ConfigError, match=r"none\.ply: cannot be read: No such file"):
         mesh_floor(tmp_path / "none.ply", DATUM, *BOX, MeshFrame())
+
+
+def test_a_vertex_of_no_triangle_that_is_no_number_hides_nothing(tmp_path):
+    """What is wrong with the others is named all the same, and what is right is used."""
+    degrees = np.vstack([changed(FLAT[0], n=1e-5, e=1e-5, dn=63.45, de=10.36), np.full((1, 3), np.nan)])
+    with pytest.raises(ConfigError, match="Are its coordinates degrees"):
+        mesh_floor(written(tmp_path, degrees, FLAT[1]), DATUM, *BOX, MeshFrame())
+    right = np.vstack([np.full((1, 3), np.nan), FLAT[0]])
+    found = mesh_floor(written(tmp_path, right, FLAT[1] + 1), DATUM, *BOX, MeshFrame())
+    assert np.abs(found.depth_and_slope(np.array([[5.0, 3.0]]))[0] - 5.0).max() < 1e-12

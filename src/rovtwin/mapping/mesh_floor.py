@@ -137,7 +137,8 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise ConfigError(
             f"{path}: has vertices that are no numbers, expected metres. Clean the mesh, such as in MeshLab"
         )
-    return vertices, faces
+    used, faces = np.unique(faces, return_inverse=True)  # others may be no numbers, and are not looked at
+    return vertices[used], faces.reshape(-1, 3)
 
 
 def _check_numbers(path: Path, vertices: np.ndarray) -> None:

@@ -27,3 +27,15 @@ def test_a_pixel_on_what_stands_higher_lies_nearer_by_height_times_slant(euler):
     nearer = projection.to_map(low.point[..., :2]) - projection.to_map(high.point[..., :2])
     assert np.abs(nearer - height * slant).max() < 0.03 * height * np.abs(slant).max()
     assert np.abs(slant).max() > 0.2
+
+
+def test_rays_that_are_level_or_rise_have_no_slant():
+    """Of a wall that a mesh has: a higher thing does not lie farther out there."""
+    point = np.array([[[1.0, 0.0, 5.0], [1.0, 0.0, 3.0], [1.0, 0.0, 2.0]]])
+    located = SimpleNamespace(point=point, position=np.array([[0.0, 0.0, 3.0]]))
+    place = np.zeros((1, 2))
+    projection = Projection.of(
+        Datum(latitude=63.45, longitude=10.36), crs_of("EPSG:32632", "t"), place[0], place[0], 5.0
+    )
+    slant = np.stack(Job._slants(SimpleNamespace(projection=projection), located), axis=-1)[0]  # pyright: ignore
+    assert np.linalg.norm(slant[0]) == pytest.approx(0.5, rel=1e-3) and np.isnan(slant[1:]).all()

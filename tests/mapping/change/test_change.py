@@ -1,5 +1,7 @@
 """What changed between two dives over one place: planted squares are found, and little else."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.mapping.change import seabed
@@ -7,8 +9,8 @@ from tests.mapping.change.seabed import CELL, WAVELENGTHS
 
 from rovtwin.mapping.change import detect
 from rovtwin.mapping.change.channels import channels_of, noise_of, without_trend
-from rovtwin.mapping.change.displacement import displacement
-from rovtwin.mapping.change.things import things
+from rovtwin.mapping.change.displacement import Displacement, Matches, displacement
+from rovtwin.mapping.change.things import least_contrast, things
 
 SHAPE, LEAST = (200, 300), 0.1
 
@@ -87,3 +89,63 @@ def test_bands_without_a_number_leave_cells_out_and_those_beside_them():
     gone = [(i, j) for r, c in ((1, 2), (7, 8)) for i in range(9) for j in range(12) if abs(i - r) + abs(j - c) <= 2]
     assert not any(found.seen[cell] for cell in gone) and found.seen.sum() == 9 * 12 - len(gone)
     assert found.noise[0, 0] == pytest.approx(0.01 / 2.0 / 0.2)
+
+
+def test_squares_that_changed_their_colour_alone_are_found():
+    """Spectra tilted about their middle: the sign of the mean over channels is that of noise, and no thing's parts."""
+    rng, shape = np.random.default_rng(0), (120, 150)
+    floor = seabed.albedo(rng, shape)
+    after, tilt = floor.copy(), np.linspace(-0.7, 0.7, 12)
+    places = [(row, column) for row in range(15, 120, 30) for column in range(15, 150, 30)]
+    for k, (row, column) in enumerate(places):
+        after[row - 2 : row + 3, column - 2 : column + 3] *= np.exp(tilt * (-1) ** k)
+    cubes = [seabed.seen(rng, cube, (0.0, 0.0), 0.004)[0] for cube in (floor, after)]
+    test = _still(*cubes)
+    at = np.array([one.place for one in things(test, CELL, LEAST, 0.1)])
+    named = [
+        place for place in places if test.changed[place[0] - 3 : place[0] + 4, place[1] - 3 : place[1] + 4].sum() >= 7
+    ]
+    listed = [np.linalg.norm(at - place, axis=1).min() * CELL < 0.06 for place in named]
+    assert len(named) > 0.9 * len(places) and all(listed), listed
+    assert len(at) <= len(places) + 2
+
+
+def test_a_thing_whose_halves_changed_in_opposite_ways_is_one_where_neither_is_large_enough():
+    shape, half = (40, 40), np.zeros((40, 40, 1))
+    half[18:22, 18:20], half[18:22, 20:22] = 0.5, -0.4  # of a least thing of 5 x 5 cells a part has 13 or more
+    nothing = np.ones(shape)
+    changed = half[:, :, 0] != 0
+    test = SimpleNamespace(difference=half, changed=changed, sd=0.01 * nothing, chance=np.where(changed, 1e-6, 1.0))
+    (only,) = things(test, CELL, LEAST, 0.1)  # pyright: ignore[reportArgumentType]
+    assert only.place == (19.5, 19.5) and (only.cells == changed).all()
+    half[16:24, 16:20], half[16:24, 20:24] = 0.5, -0.4
+    test.changed[16:24, 16:24] = True
+    assert sorted(one.place[1] for one in things(test, CELL, LEAST, 0.1)) == [17.5, 21.5]  # pyright: ignore
+
+
+@pytest.mark.system
+def test_single_squares_of_the_contrast_that_is_stated_are_found_over_half_of_the_floor():
+    """Each at a random place of its own pair of dives; one and a half times as strong, most are."""
+    rng, shape, hits = np.random.default_rng(11), (120, 150), {1.0: [], 1.5: [], 0.5: []}
+    for _ in range(24):
+        floor = seabed.albedo(rng, shape)
+        cubes = [seabed.seen(rng, floor, (0.0, 0.0), 0.004)[0] for _ in range(2)]
+        row, column = rng.integers(15, shape[0] - 15), rng.integers(15, shape[1] - 15)
+        stated = least_contrast(_still(*cubes), CELL, LEAST, 0.05)
+        for times, found in hits.items():
+            after = cubes[1].copy()
+            after[row - 2 : row + 3, column - 2 : column + 3] *= 1.0 + times * stated
+            some = things(_still(cubes[0], after), CELL, LEAST)
+            found.append(any(np.hypot(one.place[0] - row, one.place[1] - column) * CELL < 0.08 for one in some))
+    shares = {times: np.mean(some) for times, some in hits.items()}
+    assert 0.3 < shares[1.0] < 0.75 and shares[1.5] > 0.75 and shares[0.5] < 0.15, shares
+
+
+def _still(first, second):
+    """Test of two cubes that lie upon each other."""
+    shape = first.shape[:2]
+    a, b = (channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in (first, second))
+    none = Matches(*(np.zeros(size) for size in ((0, 2), (0, 2), (0, 2), 0)))
+    return detect.tested(
+        a, b, Displacement(np.zeros((*shape, 2)), np.full(shape, 0.25), none, 0, 1.0), CELL, LEAST, 0.05
+    )

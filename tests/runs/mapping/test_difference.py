@@ -1,6 +1,7 @@
 """Two mosaics held against each other by the command: files, page, and what cannot be compared."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.formats.envi import NO_DATA, header
 from rovtwin.mapping.formats.geotiff import write_layers, write_picture
+from rovtwin.runs.mapping.change import difference
+from rovtwin.runs.mapping.change.difference import Difference, _spoken
 from rovtwin.runs.mapping.result import Mosaic
 
 SHAPE = (140, 180)
@@ -100,6 +103,42 @@ def test_errors_that_a_mosaic_does_not_state_are_assumed_in_words(dives, tmp_pat
         "does not state how unsure" in note["remarks"][1] and "silent does not state from where" in note["remarks"][2]
     )
     assert note["changes"] == [] == note["standing_or_moved"]
+
+
+@pytest.mark.system
+def test_without_slants_nothing_is_explained_by_a_height(dives, tmp_path, monkeypatch):
+    """Nor by what registration alone may leave, which is tried with each height: that would explain all of these."""
+    one, other, _ = dives
+    silent = mosaic(tmp_path / "silent", Mosaic.read(other).cube.transpose(0, 2, 1), east=10, slant=None)
+    monkeypatch.setattr(difference, "explained", lambda test, *_: np.ones(test.changed.shape, bool))
+    assert run(one, silent, "-o", tmp_path / "c").exit_code == 0
+    note = json.loads((tmp_path / "c" / "change.json").read_text())
+    assert len(note["changes"]) > 5 and not note["standing_or_moved"]
+    assert not any("only elsewhere" in remark for remark in note["remarks"])
+
+
+@pytest.mark.system
+def test_too_few_cells_for_a_statistic_are_refused(tmp_path):
+    rng = np.random.default_rng(4)
+    floor = albedo(rng, (88, 88))
+    later = floor.copy()
+    later[30:55, 30:55] *= 0.3
+    small = [cube.reshape(35, 2, 35, 2, 12).mean(axis=(1, 3)) for cube in (floor[:70, :70], later[:70, :70])]
+    one, other = (mosaic(tmp_path / name, cube, cell=0.05) for name, cube in zip("ab", small, strict=True))
+    found = run(one, other, "--least", 0.25, "-o", tmp_path / "c")
+    assert isinstance(found.exception, LogError), found.output
+    assert "cells to be compared" in str(found.exception) and "expected about 1260" in str(found.exception)
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_contrast_that_nobody_knows_is_null_and_no_infinity():
+    cells = np.ones((2, 2))
+    moved = SimpleNamespace(shift=np.zeros((2, 2, 2)), sd=cells, matches=SimpleNamespace(score=[]), dropped=0)
+    grid = SimpleNamespace(cell=0.02)
+    test = SimpleNamespace(sd=cells)
+    found = Difference([], [], np.inf, test, moved, grid, cells > 0, np.ones(1), [])  # pyright: ignore
+    assert json.loads(json.dumps(found.figures, allow_nan=False))["least_contrast_named"] is None
+    assert not _spoken(np.inf, 0.1, 0.1, [], 0.3)
 
 
 @pytest.mark.system

@@ -126,6 +126,12 @@ def test_files_of_one_name_have_each_their_hash(tmp_path):
     several = open_inputs(None, MapRequest((tmp_path / "one", tmp_path / "two" / "lines.h5")))
     with several.lines:
         assert set(hashes_of(several, "lines")) == {"one/lines.h5", "two/lines.h5"}
+    for name in ("may", "june"):
+        (tmp_path / name / "dive").mkdir(parents=True)
+        write_lines(tmp_path / name / "dive" / "l.h5", replace(head(), t=head().t + 9.0 * (name == "may")), [CUBE])
+    alike = open_inputs(None, MapRequest(tuple(tmp_path / name / "dive" / "l.h5" for name in ("may", "june"))))
+    with alike.lines:
+        assert set(hashes_of(alike, "lines")) == {"may/dive/l.h5", "june/dive/l.h5"}
     (tmp_path / "none").mkdir()
     with pytest.raises(ConfigError, match="none: is a folder without files"):
         _ = MapRequest((tmp_path / "none",)).files
@@ -171,13 +177,17 @@ def test_the_grid_has_a_margin_and_the_map_holds_the_area(inputs):
 def test_the_note_has_all_that_was_asked_for_and_a_hash_of_each_file(inputs, tmp_path):
     (tmp_path / "control.csv").write_text("x")
     (tmp_path / "smoothed_keys.nc").write_text("x")
-    request = MapRequest(inputs.lines.path, control=tmp_path / "control.csv")
+    (tmp_path / "grey.csv").write_text("x")
+    (tmp_path / "panel.yaml").write_text("{north: 1, east: 2, radius: 0.1, reflectance: grey.csv}")
+    request = MapRequest(inputs.lines.path, control=tmp_path / "control.csv", panel=tmp_path / "panel.yaml")
     there = Inputs(tmp_path, None, None, inputs.lines, request)
     other = {"depth": "depth_m", "heights": "dem_values", "resolution": "resolution_m", "best": "blend"}
     other |= {"turn": "turn_deg_s", "clock_offset": "clock_offset_s", "begin": "from_s", "end": "to_s"}
     names = {other.get(field.name, field.name) for field in fields(MapRequest)} - {"datum"}  # the note has it beside
     assert names <= set(settings_of(there, "smoothed"))
-    assert {"lines.h5", "control.csv", "smoothed_keys.nc"} == set(hashes_of(there, "smoothed"))
+    assert {"lines.h5", "control.csv", "panel.yaml", "grey.csv", "smoothed_keys.nc"} == set(
+        hashes_of(there, "smoothed")
+    )
     assert "smoothed_keys.nc" not in hashes_of(there, "estimate")
 
 

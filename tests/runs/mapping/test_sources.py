@@ -5,6 +5,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
+import trimesh
 from tests.imaging.helper import head
 from tests.mapping.test_floors import DATUM as DEM_DATUM
 from tests.mapping.test_floors import dem, depth_at
@@ -82,3 +83,15 @@ def test_the_first_depth_is_that_of_the_file_of_heights(tmp_path):
     found = open_inputs(None, replace(request, floor="plane"))
     with found.lines, pytest.raises(ConfigError, match="nobody knows how deep"):
         found.first_floor()
+
+
+def test_a_mesh_is_kept_above_the_vehicle_too(tmp_path):
+    """A wall 2 m before the imager, from 4 m above it to 4 m below: it may look up."""
+    found = open_inputs(None, MapRequest(file_of(tmp_path), floor=str(tmp_path / "wall.ply")))
+    with found.lines:
+        place = found.navigation.at(found.times).position[0]
+        corners = place + np.array([[2.0, -1, -4], [2, 1, -4], [2, 1, -2], [2, -1, -2], [2, 1, 4], [2, -1, 4]])
+        trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3], [3, 2, 4], [3, 4, 5]], process=False).export(
+            tmp_path / "wall.ply"
+        )
+        assert len(found._mesh.corners) == 4

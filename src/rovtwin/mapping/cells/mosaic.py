@@ -103,10 +103,12 @@ class Job:
         """Way along the map's x and y from the imager to each pixel, for each metre down.
 
         By so much a thing that stands higher than the floor lies farther out, for each metre of height.
+        No number where a ray is level or rises, as it may with a mesh.
         """
         way = located.point - located.position[:, None]
         to_map = self.projection.slope(0.5 * (self.projection.low + self.projection.high))
-        slant = (way[..., :2] / way[..., 2:]) @ to_map.T
+        down = np.where(way[..., 2:] > 0, way[..., 2:], np.nan)
+        slant = (way[..., :2] / down) @ to_map.T
         return slant[..., 0], slant[..., 1]
 
 

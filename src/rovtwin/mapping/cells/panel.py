@@ -10,6 +10,7 @@ Reference: Smith and Milton (1999), The use of the empirical line method to cali
 reflectance, Int. J. Remote Sensing 20(13), for panels; the form with a veil that is known is ours.
 """
 
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,8 +98,10 @@ class PanelPixels:
     def spread(self, correction: Correction) -> Float[np.ndarray, " band"]:
         """By how much pixels differ from what they should be, beside the factor and noise, rms, relative."""
         ratio = self.radiance / self._expected(correction, 0.0) * self.factor(correction)
-        own = np.nanmean(self.variance / np.square(self.radiance), axis=0)
-        return np.sqrt(np.maximum(np.nanvar(ratio, axis=0) - own, 0.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # bands without a number have no spread
+            own = np.nanmean(self.variance / np.square(self.radiance), axis=0)
+            return np.sqrt(np.maximum(np.nanvar(ratio, axis=0) - own, 0.0))
 
     def _expected(self, correction: Correction, deeper: float) -> Float[np.ndarray, "k band"]:
         """Radiance of each pixel, as the model has it."""
@@ -132,14 +135,16 @@ def look_at(
     """
     plain = Calibrated(calibrated.lines, replace(calibrated.correction, model=None))
     numbers, nearest = _near(panel, where, t, np.flatnonzero(use))
-    lines, places, masks, values, variances = [], [], [], [], []
+    lines, places, masks, values, variances, full = [], [], [], [], [], []
     for number in numbers:
         located = lowered(where.locate(t[number : number + 1]), -panel.height)
         away = np.hypot(*(located.point[0, :, :2] - panel.place).T)
         on = located.valid[0] & (np.nan_to_num(away, nan=np.inf) <= panel.radius)
         if not on.any():
             continue
-        value, variance, _ = plain.values(calibrated.lines.read(number, number + 1), number, located)
+        cube = calibrated.lines.read(number, number + 1)
+        full.append(cube[0][on] >= calibrated.lines.saturation)
+        value, variance, _ = plain.values(cube, number, located)
         lines.append(int(number))
         places.append(located)
         masks.append(on)
@@ -153,7 +158,7 @@ def look_at(
             f"{nearest:.2f} m. Is it where the mosaic has it (make one without the panel, and look)?"
         )
     found = PanelPixels(panel, lines, places, masks, np.concatenate(values), np.concatenate(variances))
-    _require_light(found, calibrated)
+    _require_light(panel, np.concatenate(full), calibrated)
     return found
 
 
@@ -175,12 +180,13 @@ def _near(
     return np.concatenate(near) if near else numbers[:0], least
 
 
-def _require_light(found: PanelPixels, calibrated: Calibrated) -> None:
-    full = (~np.isfinite(found.radiance)).mean(axis=0)
+def _require_light(panel: Panel, pixels: Bool[np.ndarray, "k band"], calibrated: Calibrated) -> None:
+    """Not too many full ones. Bands without a number, for want of a response or by dead pixels, are masked later."""
+    full = pixels.mean(axis=0)
     if (full > _MOST_FULL).any():
         w = calibrated.lines.wavelengths[full > _MOST_FULL]
         raise ConfigError(
-            f"--panel {found.panel.name}: of its pixels up to {full.max():.0%} are full or no numbers, in {len(w)} "
+            f"--panel {panel.name}: of its pixels up to {full.max():.0%} are full, in {len(w)} "
             f"bands from {w[0]:.0f} to {w[-1]:.0f} nm, expected at most {_MOST_FULL:.0%}. Take a darker panel, a "
             "shorter exposure, or fly higher over it"
         )

@@ -217,7 +217,7 @@ class Budget:
         height: Of the floor's height below the imager.
         water: Of absorption and scattering.
         lamps: Of the lamps' light.
-        panel: Of a reference panel: its reflectance, its noise, the height of its face; 0 without.
+        panel: Of a reference panel: its reflectance and its noise; 0 without.
     """
 
     wavelengths: Float[np.ndarray, " band"]
@@ -253,21 +253,24 @@ def budget(
 ) -> Budget:
     """Of some lines: their number, where they lie, their counts. Each is computed again with one thing changed.
 
-    With a panel, lamps are no cause, and the water is one as far as its error differs from that at the panel.
+    With a panel, lamps are no cause; water and the floor's height are as far as their error differs from that at it.
     """
     correction, model = calibrated.correction, calibrated.correction.model
     assert model is not None
     more = 1.0 + unsure.water
     fine = model.at_fine
     murky = SpectralWater(more * fine.absorption, more * fine.scattering, more * fine.backscattering)
-    changed = replace(correction, model=replace(model, at_fine=murky), factor=None)
+    changed, deeper = replace(correction, model=replace(model, at_fine=murky), factor=None), calibrated
     if panel is not None:
         changed = replace(changed, factor=panel.factor(changed))
+        # The panel lies on the same floor: both are lower, and the factor takes much of it away.
+        below = replace(correction, factor=panel.factor(replace(correction, factor=None), unsure.height))
+        deeper = Calibrated(calibrated.lines, below)
     other, lit = Calibrated(calibrated.lines, changed), 0.0 if panel is not None else unsure.lamps
     rows: list[np.ndarray] = []
     for number, located, cube in lines:
         value, variance, _ = calibrated.values(cube.copy(), number, located)
-        high = calibrated.values(cube.copy(), number, lowered(located, unsure.height))[0]
+        high = deeper.values(cube.copy(), number, lowered(located, unsure.height))[0]
         water = other.values(cube.copy(), number, located)[0]
         gain, veil = correction.gain_and_veil(located, 0)
         lamps = lit * (value[0] + veil / gain)
@@ -276,15 +279,9 @@ def budget(
     seen = np.concatenate(rows, axis=1) if rows else np.full((4, 1, len(model.imager.wavelengths)), np.nan)
     with np.errstate(invalid="ignore"):
         middle = np.nanmedian(np.abs(seen), axis=1)
-    return Budget(model.imager.wavelengths, *middle, panel=_of_panel(correction, unsure.height, panel))
-
-
-def _of_panel(correction: Correction, height: float, panel: Reference | None) -> Float[np.ndarray, " band"]:
-    """What a panel leaves unsure: itself, its noise, and how far from the port it lies."""
-    if panel is None:
-        return np.zeros(len(correction.imager.wavelengths))
-    plain = replace(correction, factor=None)
-    return np.hypot(panel.unsure(), panel.factor(plain, height) / panel.factor(plain) - 1.0)
+    return Budget(
+        model.imager.wavelengths, *middle, panel=np.zeros_like(middle[0]) if panel is None else panel.unsure()
+    )
 
 
 def lowered(located: Located, by: float) -> Located:

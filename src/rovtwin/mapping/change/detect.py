@@ -33,6 +33,8 @@ from rovtwin.mapping.change.displacement import Displacement, pulled_back
 TREND = 4.0  # times the least thing: over which light, range and grain are taken to be alike
 _ROUNDS = 8
 _ALIKE = (12, 5)  # classes of cells by misplacement, and in each by grain
+_CLASS = 20  # cells of a class, at the least, for a spread to be read off them
+FEWEST = _ALIKE[0] * _ALIKE[1] * (_CLASS + 1)  # cells with which all classes have so many
 _FAR = 1e-3  # chance of a cell that may have changed, when nu is read a second time
 _TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
 _NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
@@ -63,16 +65,6 @@ class Test:
     scale: "Scale"
     trend: Float[np.ndarray, "row column channel"]
     limit: float
-
-    def least_contrast(self, cells: int, false_share: float) -> float:
-        """Change of reflectance, as a share, from which a thing of so many cells is named over half of the floor,
-        where nothing else has changed: of many that changed fainter ones are named, too.
-        """
-        S, seen = self.scale.S, int(np.isfinite(self.chance).sum())
-        if not seen or not np.isfinite(self.scale.freedom):
-            return np.inf
-        T = f.isf(min(false_share * cells / seen, 1.0), len(S), self.scale.freedom)
-        return float(np.expm1(np.nanmedian(self.sd) * np.sqrt(len(S) * T / np.linalg.inv(S)[0, 0])))
 
 
 @dataclass(frozen=True)
@@ -163,7 +155,7 @@ def _explained(
     rows, spread = [], []
     for by_last in np.array_split(np.argsort(some[:, -1]), _ALIKE[0]):
         for cells in np.array_split(by_last[np.argsort(some[by_last, -2])], _ALIKE[1]):
-            if len(cells) > 20:
+            if len(cells) > _CLASS:
                 rows.append(np.median(some[cells], axis=0))
                 spread.append((np.median(np.abs(d[cells])) / 0.6745) ** 2)
     if len(rows) < len(terms) + 1:

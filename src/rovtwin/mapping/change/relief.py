@@ -56,9 +56,11 @@ def explained(
         slants: Of each mosaic's cells: rows and columns that a thing one cell higher lies farther out.
         cell: Size of a cell [m].
         least: Size of the smallest thing that is looked for [m].
-        relief: Greatest height over or depth under the floor that pixels were laid on [m].
+        relief: Greatest height over or depth under the floor that pixels were laid on [m]; 0: nothing is explained.
     """
     box, found = max(round(least / cell), 1), np.zeros(test.changed.shape, bool)
+    if relief == 0:
+        return found
     shapes, window = test.scale.shapes, max(round(_WINDOW * least / cell), 1)
     A, B = (one.value @ shapes for one in (first, second))
     trend, rest = test.trend @ shapes, _REST * least / cell

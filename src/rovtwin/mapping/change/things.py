@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation, find_objects, label
+from scipy.stats import f
 
 from rovtwin.mapping.change.detect import Test
 
@@ -57,11 +58,25 @@ def things(
         among: Cells that things may be made of; None: all.
     """
     among = np.ones(test.changed.shape, bool) if among is None else among
-    brighter, found = test.difference.mean(axis=2) > 0, []
-    for alike in (among & brighter, among & ~brighter):  # what became brighter and what became darker are two things
-        found += _connected(test, alike, cell, least)
-    found = [one for one in found if one.area >= _LARGE * least**2 and np.sqrt(np.mean(one.contrast**2)) >= contrast]
+    found = [one for one in _connected(test, among, cell, least) if np.sqrt(np.mean(one.contrast**2)) >= contrast]
     return sorted(found, key=lambda one: one.chance)
+
+
+def least_contrast(test: Test, cell: float, least: float, false_share: float) -> float:
+    """Change of brightness, as a share, from which a single thing is listed over half of the floor.
+
+    Of the mean over the least thing such a thing's middle has all of the change, cells beside it less: a triangle each
+    way. As many of them as a thing must have, or more, are to be named among all cells, where nothing else has changed.
+    """
+    S, seen, side = test.scale.S, int(np.isfinite(test.chance).sum()), max(round(least / cell), 1)
+    if not seen or not np.isfinite(test.scale.freedom):
+        return np.inf
+    share = 1.0 - np.abs(np.arange(1 - side, side)) / side
+    response = np.sort(np.outer(share, share).ravel())[::-1]
+    count = np.arange(1, len(response) + 1)
+    T = f.isf(np.minimum(false_share * count / seen, 1.0), len(S), test.scale.freedom)
+    change = np.sqrt(len(S) * T / np.linalg.inv(S)[0, 0]) / response
+    return float(np.expm1(np.nanmedian(test.sd) * change[count * cell**2 >= _NAMED * least**2 - 1e-12].min()))
 
 
 def sorted_out(
@@ -75,45 +90,74 @@ def sorted_out(
     taken = _cells(changes, explained.shape)
     elsewhere = things(test, cell, least, contrast, explained & ~taken)
     taken |= _cells(elsewhere, explained.shape)
-    changes += [one for one in things(test, cell, least, contrast) if not (one.cells & taken).any()]
+    for one in things(test, cell, least, contrast):
+        named = one.cells & test.changed
+        changes += [one] if (named & taken).sum() <= 0.5 * named.sum() else []
     return sorted(changes, key=lambda one: one.chance), elsewhere
 
 
 def _connected(test: Test, among: Bool[np.ndarray, "row column"], cell: float, least: float) -> list[Thing]:
     """Of connected named cells the greatest change, and what is left beside it as others: none hides a fainter one."""
-    half, found = max(round(0.5 * least / cell), 1), []
+    half, among, found = max(round(0.5 * least / cell), 1), among.copy(), []
     while True:
-        named = test.changed & among
+        named, some = test.changed & among, 0
         labelled: Any = label(binary_dilation(named, iterations=half))
-        some = []
         for k, place in enumerate(find_objects(labelled[0]), start=1):
             inside = (labelled[0][place] == k) & among[place]
-            if (named[place] & inside).sum() * cell**2 >= _NAMED * least**2:
-                some.append(_thing(test, place, inside, cell))
+            if (named[place] & inside).sum() * cell**2 < _NAMED * least**2:
+                continue
+            thing, alike = _greatest(test, place, inside, cell, least)
+            among[place] &= ~(alike & np.asarray(binary_dilation(thing.cells[place], iterations=half + 1), bool))
+            found, some = [*found, thing], some + 1
         if not some:
-            return found
-        found += some
-        among = among & ~np.asarray(binary_dilation(_cells(some, among.shape), iterations=half + 1), bool)
+            return [one for one in found if one.area >= _LARGE * least**2]
+
+
+def _greatest(
+    test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: float, least: float
+) -> tuple[Thing, Bool[np.ndarray, "r c"]]:
+    """Of connected cells the greatest part that changed in one direction, and the cells that it was looked for in.
+
+    What became brighter and what became darker, or bluer and redder, are two things; all is one where no part of it is
+    large enough by itself.
+    """
+    half, rest = max(round(0.5 * least / cell), 1), inside
+    while (rest & test.changed[place]).any():
+        top, along = _along(test, place, rest)
+        alike = rest & (along > 0)
+        labelled: Any = label(binary_dilation(alike & test.changed[place], iterations=half))
+        part = alike & (labelled[0] == labelled[0][top])
+        thing = _thing(test, place, part, part & (along >= _CORE), top, cell)
+        if (part & test.changed[place]).sum() * cell**2 >= _NAMED * least**2 and thing.area >= _LARGE * least**2:
+            return thing, part
+        rest = rest & ~part
+    top, along = _along(test, place, inside)
+    return _thing(test, place, inside, inside & (np.abs(along) >= _CORE), top, cell), inside
 
 
 def _cells(some: list[Thing], shape: tuple[int, ...]) -> Bool[np.ndarray, "row column"]:
     return np.any([one.cells for one in some], axis=0) if some else np.zeros(shape, bool)
 
 
-def _thing(test: Test, place: tuple[slice, slice], inside: np.ndarray, cell: float) -> Thing:
+def _along(
+    test: Test, place: tuple[slice, slice], inside: np.ndarray
+) -> tuple[tuple[int, int], Float[np.ndarray, "r c"]]:
+    """Row and column of the greatest change, and each cell's change in its direction as a share of it."""
     change, named = test.difference[place], inside & test.changed[place]
     # Not the surest cell: beside an edge of the floor that may lie at the rim of what changed.
-    top = np.argmax(np.where(named, np.sum(change**2, axis=2), -1.0))
-    row, column = np.unravel_index(top, inside.shape)
+    row, column = np.unravel_index(np.argmax(np.where(named, np.sum(change**2, axis=2), -1.0)), inside.shape)
     peak = change[row, column]
-    along = change @ peak / max(peak @ peak, 1e-30)
-    core = inside & (along >= _CORE)
+    return (int(row), int(column)), np.nan_to_num(change @ peak / max(peak @ peak, 1e-30))
+
+
+def _thing(
+    test: Test, place: tuple[slice, slice], part: np.ndarray, core: np.ndarray, top: tuple[int, int], cell: float
+) -> Thing:
     rows, columns = np.nonzero(core)
     middle = (place[0].start + rows.mean(), place[1].start + columns.mean())
     widths = (float(np.ptp(rows) + 1) * cell, float(np.ptp(columns) + 1) * cell)
-    sd = test.sd[place][row, column]
-    gain = np.exp(peak)
+    gain = np.exp(test.difference[place][top])
     whole = np.zeros(test.changed.shape, bool)
     whole[place] = core
-    area, chance = float(core.sum()) * cell**2, float(test.chance[place][named].min())
-    return Thing(middle, whole, area, widths, gain - 1.0, float(gain.mean() * sd), chance)
+    area, chance = float(core.sum()) * cell**2, float(test.chance[place][part & test.changed[place]].min())
+    return Thing(middle, whole, area, widths, gain - 1.0, float(gain.mean() * test.sd[place][top]), chance)

@@ -76,6 +76,16 @@ def read_panel(
     return Panel(given.name, place, given.radius, given.height, spectrum, given.sd)
 
 
+def spectrum_file(path: Path) -> Path | None:
+    """The file of a panel's reflectance, where that is no number.
+
+    Raises:
+        ConfigError: The panel's file cannot be used.
+    """
+    given = parse(PanelFile, read_yaml(path), path.name).reflectance
+    return path.parent / given if isinstance(given, str) else None
+
+
 def _spectrum(
     path: Path, wavelengths: Float[np.ndarray, " band"], fwhm: Float[np.ndarray, " band"]
 ) -> Float[np.ndarray, " band"]:
@@ -123,7 +133,9 @@ def seen_panel(
     factor = pixels.factor(calibrated.correction)
     hidden = ~(noise <= largest) | ~(factor > 0)
     if hidden.all():
-        raise ConfigError(f"--panel {panel.name}: noise hides it in all bands; expected light on it")
+        raise ConfigError(
+            f"--panel {panel.name}: noise hides it, or it has no number, in all bands; expected light on it"
+        )
     factor[hidden] = np.nan
     spread = pixels.spread(calibrated.correction)
     return Seen(
@@ -158,7 +170,8 @@ def _remarks(pixels: PanelPixels, factor: np.ndarray, spread: np.ndarray, calibr
     if not known.all():
         w = calibrated.lines.wavelengths[~known]
         words.append(
-            f"panel {panel.name}: noise hides it in {len(w)} bands from {w[0]:.0f} to {w[-1]:.0f} nm, which are masked"
+            f"panel {panel.name}: noise hides it, or it has no number, in {len(w)} bands from {w[0]:.0f} to "
+            f"{w[-1]:.0f} nm, which are masked"
         )
     if (uneven := float(np.nanmedian(spread[known]))) > _UNEVEN:
         words.append(

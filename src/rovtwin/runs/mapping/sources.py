@@ -202,7 +202,8 @@ class Inputs:
                 f"--floor {self.request.floor}: no line has a pose, so nobody knows what is to be covered"
             )
         frame = MeshFrame(self.request.floor_crs, not self.request.heights)
-        low, high = place.min(0) - [LONGEST, LONGEST, 0.0], place.max(0) + LONGEST
+        reach = LONGEST + float(np.linalg.norm(self.mount.position))  # upwards, too: an imager may face a wall
+        low, high = place.min(0) - reach, place.max(0) + reach
         return mesh_floor(Path(self.request.floor), self.datum, low, high, frame)
 
     def floor(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[Floor, float, list[str]]:

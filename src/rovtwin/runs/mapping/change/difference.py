@@ -10,10 +10,10 @@ from jaxtyping import Bool, Float
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
-from rovtwin.mapping.change.detect import TREND, Test, tested
+from rovtwin.mapping.change.detect import FEWEST, TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement
 from rovtwin.mapping.change.relief import explained
-from rovtwin.mapping.change.things import Thing, sorted_out
+from rovtwin.mapping.change.things import Thing, least_contrast, sorted_out
 from rovtwin.mapping.formats.envi import NO_DATA
 from rovtwin.runs.mapping.result import Mosaic
 
@@ -64,7 +64,7 @@ class Difference:
             "shift_sd_m": float(np.sqrt(np.mean(self.moved.sd[self.seen] ** 2)) * self.grid.cell),
             "patches": len(self.moved.matches.score),
             "patches_dropped": self.moved.dropped,
-            "least_contrast_named": self.faintest,
+            "least_contrast_named": self.faintest if np.isfinite(self.faintest) else None,
             "sd_of_change": float(np.nanmedian(self.test.sd)),
         }
 
@@ -86,12 +86,12 @@ def compared(
         least: Size of the smallest thing that is looked for [m].
         contrast: Least change of reflectance that is of interest, as a share.
         false_share: Of the named cells, that may be false.
-        relief: How far things may stand above the mosaics' floor, or lie below it [m].
+        relief: How far things may stand above the mosaics' floor, or lie below it [m]; 0: not looked for.
         progress: Called with what is done, of how many steps.
 
     Raises:
         ConfigError: They are not of one kind, cell and coordinate system, or not of one place; cells are too large.
-        LogError: Their pictures have nothing in common.
+        LogError: Their pictures have nothing in common, or too few cells.
     """
     _require_alike(first, second, least)
     rows, columns, grid = _overlap(first, second)
@@ -114,11 +114,14 @@ def compared(
         )
     progress("testing", 3, 5)
     test = tested(a, b, moved, grid.cell, least, false_share)
+    _require_cells(test, first, second)
     progress("trying heights", 4, 5)
     slants, more = _slants((first, second), rows, columns)
-    by_height = explained(test, a, b, moved, slants, grid.cell, least, relief)
+    by_height = np.zeros(test.changed.shape, bool)
+    if slants is not None:
+        by_height = explained(test, a, b, moved, slants, grid.cell, least, relief)
     changes, elsewhere = sorted_out(test, by_height, grid.cell, least, contrast)
-    faintest = test.least_contrast(round(least / grid.cell) ** 2, false_share)
+    faintest = least_contrast(test, grid.cell, least, false_share)
     remarks = [words, *remarks, *more, *_spoken(faintest, contrast, least, elsewhere, relief)]
     seen = np.isfinite(test.statistic)
     return Difference(changes, elsewhere, faintest, test, moved, grid, seen, a.wavelengths, remarks)
@@ -126,7 +129,7 @@ def compared(
 
 def _spoken(faintest: float, contrast: float, least: float, elsewhere: list[Thing], relief: float) -> list[str]:
     remarks = []
-    if faintest > contrast:
+    if np.isfinite(faintest) and faintest > contrast:
         remarks.append(
             f"a single thing of {least:g} m is named over half of the floor only if it differs by {faintest:.0%} or "
             f"more; asked for were {contrast:.0%}. Lines flown as the first time, and a better floor, help"
@@ -137,6 +140,16 @@ def _spoken(faintest: float, contrast: float, least: float, elsewhere: list[Thin
             "below the mosaics' floor, or were moved by as little; they do not count as changes"
         )
     return remarks
+
+
+def _require_cells(test: Test, first: Mosaic, second: Mosaic) -> None:
+    if not np.isfinite(test.statistic).any():
+        count = int(np.isfinite(test.difference).all(axis=2).sum())
+        raise LogError(
+            f"{second.folder}: found {count} cells to be compared with {first.folder}, expected about {FEWEST} or "
+            "more: the spread of cells that did not change is read off them. Make both mosaics of smaller cells "
+            "(--resolution), or of more of the floor"
+        )
 
 
 def _require_alike(first: Mosaic, second: Mosaic, least: float) -> None:
@@ -208,13 +221,12 @@ def _channels(one: Mosaic, rows: slice, columns: slice, usable: Bool[np.ndarray,
 
 def _slants(
     mosaics: tuple[Mosaic, Mosaic], rows: list[slice], columns: list[slice]
-) -> tuple[tuple[np.ndarray, np.ndarray], list[str]]:
-    """Rows and columns that a thing one cell higher lies farther out, in the overlap of each, and what was assumed."""
+) -> tuple[tuple[np.ndarray, np.ndarray] | None, list[str]]:
+    """Rows and columns that a thing one cell higher lies farther out, in the overlap of each; None where not stated."""
     x, y = ([one.layer(name) for one in mosaics] for name in ("slant_x", "slant_y"))
     missing = [one.folder.name for one, given in zip(mosaics, x, strict=True) if given is None]
     if missing:
-        shape = (rows[0].stop - rows[0].start, columns[0].stop - columns[0].start, 2)
-        return (np.zeros(shape), np.zeros(shape)), [
+        return None, [
             f"{' and '.join(missing)} does not state from where its cells were seen: edges of what stands above the "
             "floor count as changes. Make it again with `rovtwin map`"
         ]

@@ -107,4 +107,6 @@ def _sheet(found: Difference, first: Mosaic) -> Sheet:
 def _shown(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(f"{one:+.3f}" for one in value)
+    if value is None:
+        return "not known"
     return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rovtwin.core.log.files import write_error
 from rovtwin.core.user_files.files import is_file
+from rovtwin.runs.mapping.panel import spectrum_file
 from rovtwin.runs.mapping.sources import Inputs
 
 WHAT = {
@@ -73,19 +74,28 @@ def settings_of(inputs: Inputs, source: str) -> dict[str, Any]:
 
 
 def hashes_of(inputs: Inputs, source: str) -> dict[str, str]:
-    """SHA-256 of the files that a mosaic was made of: lines, track and key frames or log, floor, water, points."""
+    """SHA-256 of the files that a mosaic was made of: lines, track and key frames or log, floor, water, panel,
+    points.
+    """
     request = inputs.request
     paths = [*(one.path for one in inputs.lines.files), request.control, request.area, request.points, request.panel]
     paths += [None if text is None else Path(text) for text in (request.water, request.floor)]
     if inputs.run is not None:
         names = ("log.mcap", "scenario.yaml") + (("smoothed.mcap", "smoothed_keys.nc") if source == "smoothed" else ())
         paths += [inputs.run / name for name in names]
-    there = [path for path in paths if path is not None and is_file(path)]
-    names = [path.name for path in there]
-    return {
-        path.name if names.count(path.name) == 1 else f"{path.resolve().parent.name}/{path.name}": _digest(path)
-        for path in there
-    }
+    if request.panel is not None:
+        paths.append(spectrum_file(request.panel))
+    there = list({path.absolute(): None for path in paths if path is not None and is_file(path)})
+    return {_short(path, there): _digest(path) for path in there}
+
+
+def _short(path: Path, among: list[Path]) -> str:
+    """The last parts of a path, as many as tell it from others."""
+    for count in range(1, len(path.parts)):
+        end = path.parts[-count:]
+        if sum(other.parts[-count:] == end for other in among) == 1:
+            return "/".join(end)
+    return str(path)
 
 
 def _digest(path: Path) -> str:
