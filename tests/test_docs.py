@@ -54,7 +54,8 @@ def test_what_goes_with_a_link_stands_beside_one(page):
     """`fly` refuses these options without `--link`, which its help does not show; in text and in sentences, too."""
     text = page.read_text()
     written = re.findall(r"^rovtwin fly .*$|`rovtwin fly [^`]*`", text, re.M)
-    alone = [line for line in written if re.search(r" --(sensor|no-thrust|arm|speed)\b", line) and " --link " not in line]
+    bound = re.compile(r" --(sensor|no-thrust|arm|speed)\b")
+    alone = [line for line in written if bound.search(line) and " --link " not in line]
     assert not alone, f"{page.name}: without --link: {alone}"
 
 
