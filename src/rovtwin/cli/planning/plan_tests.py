@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 FORM = (
-    "these standard deviations hold where the model has the right form: they are no accuracy, which what the model "
-    "leaves out limits"
+    "these standard deviations hold where the model has the right form: they are no accuracy, which is limited by "
+    "what the model leaves out"
 )
 
 
