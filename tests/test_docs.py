@@ -49,6 +49,16 @@ def test_every_command_shown_exists_with_its_options(page, capsys):
             assert option in shown, f"{page.name}: {line}: no option {option}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_what_goes_with_a_link_stands_beside_one(page):
+    """`fly` refuses these options without `--link`, which its help does not show; in text and in sentences, too."""
+    text = page.read_text()
+    written = re.findall(r"^rovtwin fly .*$|`rovtwin fly [^`]*`", text, re.M)
+    bound = re.compile(r" --(sensor|no-thrust|arm|speed)\b")
+    alone = [line for line in written if bound.search(line) and " --link " not in line]
+    assert not alone, f"{page.name}: without --link: {alone}"
+
+
 @pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
     """All of them, in order, in one folder; flights are cut short."""

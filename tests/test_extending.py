@@ -7,9 +7,13 @@ import socket
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.links.sensors import connect, free_port, is_closed, reading
+from tests.links.serving import serving
 from tests.packages import install
 
 import rovtwin
@@ -19,7 +23,10 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.flow import Command
 from rovtwin.core.trust import VARIABLE
 from rovtwin.identification.logs.readers import detect, read_record
+from rovtwin.links.endpoint import Where
+from rovtwin.links.servers.server import require_loopback
 from rovtwin.live.connect import opener, source
+from rovtwin.live.serving.protocols import servers_of
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.pace import Clock
 from rovtwin.simulation.sensors.kinds import SensorInput
@@ -112,7 +119,7 @@ def test_an_instrument(installed):
 
 
 def test_a_vehicle(installed):
-    (checked,), names = installed("link.md", "mini", {"rovtwin.links": {"mini": "mini:MINI"}}, at=2, longest=48)
+    (checked, *_), names = installed("link.md", "mini", {"rovtwin.links": {"mini": "mini:MINI"}}, at=2, longest=48)
     opened = opener("mini://127.0.0.1:9471", rovtwin.load_scenario("square"), Clock())
     with pickle.loads(pickle.dumps(opened))() as mini, socket.socket(type=socket.SOCK_DGRAM) as vehicle:
         assert mini.read() == []
@@ -121,6 +128,25 @@ def test_a_vehicle(installed):
         (depth,) = mini.read()
         assert depth.value == 2.5 and depth.t_valid == pytest.approx(mini._clock(), abs=0.5) and mini.age < 0.5
     exec(checked, names)
+
+
+def test_a_server(installed):
+    installed("link.md", "depth", {"rovtwin.links": {"depth": "depth:DEPTH"}}, at=4, longest=40)
+    scenario, port = rovtwin.load_scenario("square"), free_port()
+    vehicle: Any = SimpleNamespace(drones=("port", "starboard"), largest={})
+    server: Any = servers_of(["depth"], scenario, vehicle, {"depth": Where(port=port)})["depth"]
+    assert require_loopback([pickle.loads(pickle.dumps(server))], exposed=False) == []
+    with serving(server, drones=vehicle.drones) as served, connect(port) as client, connect(port) as chatter:
+        client.sendall(b"rate?\nwhat\n")
+        lines = client.makefile("rb")
+        assert [lines.readline(), lines.readline()] == [b"%g\n" % scenario.rates.control, b"expected rate?\n"]
+        name = served.station.name(vehicle.drones[0], "pressure")
+        served.feed(1.5, [reading(name, 1.5, 2.25), reading("compass", 1.5, 0.1)])
+        assert lines.readline() == b"1.500 2.2500\n"
+        chatter.sendall(b"x" * 1000)
+        assert is_closed(chatter)
+    with pytest.raises(ConfigError, match="--expose"):
+        require_loopback([replace(server, host="0.0.0.0")], exposed=False)
 
 
 def test_a_reader(installed, tmp_path):

@@ -51,6 +51,8 @@ EVERYWHERE = {"_version"}
 FACES = ("__init__", "__main__")  # of a package: they stand above its rooms
 MOST_MODULES = 16  # in a folder, so that a newcomer sees at a glance what is there
 WHERE_RULES_ARE = "RULES in tests/test_imports.py"
+# Protocols, each in a room of its own: a new one needs no row below.
+PROTOCOLS = {endpoint.parent.name for endpoint in (PACKAGE / "links").glob("*/endpoint.py")}
 # Rooms and modules inside a package, the lowest first: each imports its own line and the lines above it.
 LAYERS: dict[str, list[set[str]]] = {
     "core": [
@@ -136,18 +138,7 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "links": [
         {"background", "clock", "endpoint", "host", "http_wire", "local_link", "servers", "url"},
-        {
-            "ardusub_json",
-            "blueye",
-            "cerulean",
-            "mavlink",
-            "qualisys",
-            "registry",
-            "remote_link",
-            "replay",
-            "twin",
-            "waterlinked",
-        },
+        {"registry", "remote_link", "replay", "twin"} | PROTOCOLS - {"ros2"},
         {"ros2"},
     ],
     "console/engine": [

@@ -9,29 +9,45 @@ import pytest
 from tests.links.sensors import HOST, connect, free_port, is_closed, reading
 from tests.links.serving import serving
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.links.endpoint import ServeContext, Where
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.server import QtmServer
+from rovtwin.links.registry import built_in
 from rovtwin.links.servers.server import require_loopback
 from rovtwin.links.waterlinked.dvl_server import DvlServer
 from rovtwin.links.waterlinked.ugps_server import UgpsServer
+from rovtwin.vehicle import load_vehicle
 
 KINDS = [DvlServer, UgpsServer, QtmServer]
+# Every instrument of the registry that is served: a new one is tested without a line here.
+SERVED = [one for one in built_in() if one.source is not None and one.server is not None]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_servers_travel(kind):
-    server = kind(port=1234)
+@pytest.fixture(params=SERVED, ids=lambda one: one.scheme)
+def served_at(request):
+    """Makes an instrument's server as `rovtwin serve` does, from hosts and a port."""
+    vehicle = load_vehicle("bluerov2")
+    context = ServeContext(vehicle, ("",), {"": np.ones(6)}, (1.0,) * 6, 1025.0, Datum(), None, 20.0)
+    return lambda *hosts, port=None: request.param.server(context, Where(list(hosts), port))
+
+
+def test_servers_travel(served_at):
+    server = served_at(port=1234)
     assert pickle.loads(pickle.dumps(server)) == server
+    assert server.port == 1234
+
+
+def test_the_lab_of_a_server_travels():
     turned = QtmServer(lab=Lab(origin=(1.0, 2.0, 3.0)))
     assert pickle.loads(pickle.dumps(turned)) == turned
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_loopback_by_default(kind):
-    assert require_loopback([kind()], exposed=False) == []
+def test_loopback_by_default(served_at):
+    assert require_loopback([served_at()], exposed=False) == []
     with pytest.raises(ConfigError, match="--expose"):
-        require_loopback([kind(host="0.0.0.0")], exposed=False)
+        require_loopback([served_at("0.0.0.0")], exposed=False)
 
 
 def test_one_loop_is_never_blocked():
@@ -61,10 +77,9 @@ def test_one_loop_is_never_blocked():
     assert np.median(late) < 0.02 and np.percentile(late, 90) < 0.2  # busy machines have longer tails
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_end_of_a_server_frees_its_port(kind):
+def test_end_of_a_server_frees_its_port(served_at):
     port = free_port()
-    with serving(kind(port=port)):
+    with serving(served_at(port=port)):
         client = connect(port)
     assert is_closed(client)
     with socket.socket() as again:

@@ -17,7 +17,7 @@ from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
 from rovtwin.planning.experiments import _laid_out, _scenario, plan_tests, what_is_known
 from rovtwin.planning.rehearsal import Rehearsed, _exact
 from rovtwin.planning.room import excitation, require_possible
-from rovtwin.planning.tank import Tank, positions_in_tank
+from rovtwin.planning.tank import Tank, counted_on, positions_in_tank
 from rovtwin.report.identification.words import is_coupling
 from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
@@ -77,6 +77,9 @@ def test_a_plan_counts_on_the_positions_that_the_vehicle_measures_itself():
     assert np.all(np.asarray(flown(own, noise=0.1).noise) == 0.1), "what was measured of it counts more"
     captured = flown(spare)
     assert captured.rate == 15_000 and captured.errors is None and np.all(np.asarray(captured.lever) == 0.0)
+    assert counted_on(own) == []
+    (line,) = counted_on(spare)
+    assert "motion capture that gives the position of CO to 0.03 m, 15 times a second, as no part of v" in line
 
 
 def test_candidates_excite_only_what_thrusters_push():
@@ -166,6 +169,7 @@ def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
     assert result.exit_code == 0
     report = json.loads(result.stdout)
     assert report["variance_ratio"] < 0.5, "half the variances, geometric mean"
+    assert report["notes"][0].startswith("counted on: motion capture")
     assert report["minutes"] <= 15.0 and report["room_m"] > 0.0
     # Couplings count in the mean above. Single ones are best seen in long pulls, which no tank of 6 m has room for.
     own = [p for p in report["parameters"] if not is_coupling(p["name"])]

@@ -267,6 +267,16 @@ def test_headway_that_takes_longer_than_there_is_time(scenario, model):
     assert "raise duration to" in text
 
 
+def test_what_is_left_of_a_hold_is_its_time_and_the_margin_is_in_the_duration(model):
+    """It was said to take 522 s, of a hold of 480 s of which 55 s had passed."""
+    legs = "[{position: [3, 0, 3], speed: 0.2, hold_time: 480}]"
+    scenario = load_scenario("square", [f"mission.waypoints={legs}"])
+    run = flown(3.0, 0.0, phase=HOLD)
+    run.mode[: 10 * SECONDS + 1 - 600, 0] = GO
+    text = unfinished(run, scenario, model, VEHICLE)
+    assert text.endswith("what is left takes about 420 s more: raise duration to 920")
+
+
 def test_neither_holding_nor_pausing_is_a_stall(scenario, model):
     for phase, message in ((HOLD, "at way-point 1 of 2"), (PAUSED, "paused at the end")):
         run = flown(3.0, 0.0, phase=phase)

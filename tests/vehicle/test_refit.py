@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from typer.testing import CliRunner
 
+from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.analysis.hydrostatics import floating_of
+from rovtwin.vehicle.analysis.overlap import overlaps
 from rovtwin.vehicle.description.identified import fingerprint
-from rovtwin.vehicle.outfitting.ballast import Piece
-from rovtwin.vehicle.outfitting.refit import add, remove, trimming, with_ballast
+from rovtwin.vehicle.outfitting.ballast import BallastTarget, Piece
+from rovtwin.vehicle.outfitting.ballasted import Materials, ballast
+from rovtwin.vehicle.outfitting.refit import add, remove, signed, trimming, with_ballast
 
 OWN = """# mine
 name: own
@@ -122,6 +126,75 @@ def test_ballast_trims_it_again(name):
     rest = floating_of(trimmed.after.assembly)
     assert rest.net_buoyancy == pytest.approx(before.net_buoyancy, abs=0.03)  # pieces are rounded to the gram
     assert np.abs(rest.trim).max() < np.radians(0.1) and rest.stiffness[0] > 0
+
+
+BRACKET = """name: stoat
+parts:
+  - {name: hull, mass: 11.0, volume: 0.0113, shape: {box: [0.5, 0.3, 0.2]}, center_of_buoyancy: [0, 0, -0.02]}
+  - {name: dvl, part: dvl_a50, pose: {position: [0.33, 0, 0.14]}}
+"""
+
+
+@pytest.fixture
+def bracket(tmp_path):
+    """A hull with a device 80 mm ahead of it and below it."""
+    path = tmp_path / "stoat.yaml"
+    path.write_text(BRACKET)
+    return path
+
+
+def test_ballast_sits_on_the_hull_and_not_in_open_water(bracket):
+    pieces = ballast(bracket, BallastTarget(1.0, level=True))["pieces"]
+    assert pieces
+    for piece in pieces:
+        assert np.all(np.abs(piece["position_m"]) <= [0.25, 0.15, 0.1])
+    change = add(bracket, "gripper", [0.4, 0, 0.05])
+    assert all(np.all(np.abs(p.position) <= [0.25, 0.15, 0.1]) for p in trimming(change.before, change.after))
+
+
+def test_ballast_lies_clear_of_earlier_ballast(bracket, tmp_path):
+    first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
+    change = add(bracket, "gripper", [0.4, 0, 0.05], out=first)
+    trimmed = with_ballast(change, trimming(change.before, change.after), first)
+    first.write_text(trimmed.text)
+    change = add(first, "imaging_sonar", [0.4, 0, -0.05], out=second)
+    trimmed = with_ballast(change, trimming(change.before, change.after), second)
+    foam = [part for part in trimmed.after.file.parts if part.name.startswith("foam")]
+    assert len(foam) == 2 and foam[0].pose.position != foam[1].pose.position
+    assert not overlaps(trimmed.after.file, "v", [part.name for part in foam]) and not trimmed.notes
+    rest, before = floating_of(trimmed.after.assembly), floating_of(change.before.assembly)
+    assert rest.net_buoyancy == pytest.approx(before.net_buoyancy, abs=0.03) and np.abs(rest.trim).max() < 2e-3
+    # Places that somebody names are kept, and the overlap is remarked.
+    at = [list(foam[0].pose.position)] * 2
+    notes = ballast(first, BallastTarget(4.0), Materials(places=at))["notes"]
+    assert any("overlap" in note for note in notes)
+
+
+def test_the_head_of_a_file_is_that_of_the_last_command(bracket, tmp_path):
+    """`add` to what `ballast` wrote left the old command, name and description in it."""
+    first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
+    ballast(bracket, BallastTarget(1.0, level=True), out=first, command="rovtwin vehicle ballast stoat.yaml")
+    change = add(first, "gripper", [0.4, 0, 0.05], out=second)
+    pieces = [Piece("foam", 0.1, 200.0, (0.0, 0.0, -0.12))]
+    text = signed(with_ballast(change, pieces, second), "rovtwin vehicle add ..", second, pieces).text
+    data = yaml.safe_load(text)
+    assert text.startswith("# Made by `rovtwin vehicle add ..`.\nname: second\n") and "vehicle ballast" not in text
+    assert data["description"] == "stoat_ballasted with gripper, 100 g of foam added"
+    assert [part["name"] for part in data["parts"]][-2:] == ["gripper", "foam_2"]
+    second.write_text(text)
+    text = signed(remove(second, "gripper", first), "rovtwin vehicle remove ..", first).text
+    assert text.startswith("# Made by `rovtwin vehicle remove ..`.\nname: first\ndescription: second without gripper\n")
+    # What a person wrote stays.
+    assert signed(add(bracket, "gripper", [0.4, 0, 0.05], out=second), "rovtwin x", second).text.startswith(BRACKET)
+
+
+def test_foam_that_could_come_off_is_named(bracket, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    args = ["vehicle", "add", "stoat.yaml", "gripper", "--at", "0.4,0,0.05", "--ballast", "-o", "claw.yaml"]
+    assert CliRunner().invoke(app, args, catch_exceptions=False).exit_code == 0
+    shown = CliRunner().invoke(app, ["vehicle", "remove", "claw.yaml", "gripper"], catch_exceptions=False).stdout
+    assert "without more ballast it floats with" in shown
+    assert "foam of earlier ballast lifts it: foam_1 (" in shown and "vehicle remove claw.yaml foam_1 -o FILE" in shown
 
 
 @pytest.mark.system

@@ -36,7 +36,7 @@ from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
 from rovtwin.planning.plan import Plan
 from rovtwin.planning.rehearsal import Rehearsed, rehearse
 from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
-from rovtwin.planning.tank import Tank, positions_in_tank
+from rovtwin.planning.tank import Tank, counted_on, positions_in_tank
 from rovtwin.report.plans.experiment import PlannedTest, draw_test_plan
 from rovtwin.runs.compose.experiment import pieces_of, spans_of
 from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
@@ -139,6 +139,7 @@ def plan_tests(
     pool = candidates(scales, seed, by_hand)
     require_possible(vehicle, scales, tank, bool(pool))
     sensor = positions_in_tank(vehicle) | dict(positions or {})
+    assumed = counted_on(vehicle) if positions is None else []
     pulls = thesis_pulls(reference)
     margin = MARGIN * scales.length
     progress("flying the candidates", 0.0)
@@ -196,7 +197,7 @@ def plan_tests(
         room=tank.room(vehicle, whole)[0],
         candidates=(len(pool), len(usable)),
         manoeuvres=[in_words(pool[usable[i]]) for i in order],
-        notes=[*axes_left_out(scales), *([] if by_hand else [NOBODY]), *tilted, *slow],
+        notes=[*assumed, *axes_left_out(scales), *([] if by_hand else [NOBODY]), *tilted, *slow],
         model=model,
     )
 

@@ -36,7 +36,7 @@ class Plan(Stored):
         room: Between hull and walls on that path [m].
         candidates: How many there were, and how many fitted the tank and the attitude limit.
         manoeuvres: Chosen, in words, in order.
-        notes: What the vehicle or the tank does not let the test do, in words.
+        notes: What it counts on beside the vehicle, and what vehicle or tank do not let the test do, in words.
         model: Of the vehicle as it is assumed to be.
 
     Example:
@@ -89,11 +89,11 @@ class Plan(Stored):
         ]
 
     def remarks(self) -> list[str]:
-        """What the vehicle or the tank does not let the test do.
+        """What it counts on beside the vehicle, and what vehicle or tank do not let the test do.
 
         Example:
             >>> rovtwin.plan_experiment("double_blueye", 3.0, "8x4x2").remarks()  # doctest: +SKIP
-            []
+            ['counted on: motion capture that gives the position of CO to 0.03 m, ..']
         """
         return list(self.notes)
 

@@ -27,6 +27,17 @@ def positions_in_tank(vehicle: Vehicle) -> dict[str, Any]:
     return {} if carries(vehicle, "position") else dict(MOTION_CAPTURE)
 
 
+def counted_on(vehicle: Vehicle) -> list[str]:
+    """In words, what measures positions in a tank where nobody says and no part of the vehicle does."""
+    if carries(vehicle, "position"):
+        return []
+    return [
+        f"counted on: motion capture that gives the position of CO to {MOTION_CAPTURE['noise']:g} m, "
+        f"{MOTION_CAPTURE['rate_hz']} times a second, as no part of {vehicle.name} measures it: fly the test with "
+        "--sensor qtm://HOST/BODY. Where something else measures it, add that to the vehicle's file and plan again"
+    ]
+
+
 @dataclass(frozen=True)
 class Tank:
     """Length (along the start's heading, north), width and depth of the water [m]."""

@@ -13,6 +13,12 @@ if TYPE_CHECKING:
     from rovtwin.planning.plan import Plan
 
 
+FORM = (
+    "these standard deviations hold where the model has the right form: they are no accuracy, which is limited by "
+    "what the model leaves out"
+)
+
+
 def plan_tests(
     vehicle: Annotated[str, typer.Argument(help="A library name or a file; identified.yaml after an earlier test.")],
     minutes: Annotated[
@@ -138,6 +144,7 @@ def _print(plan: "Plan", screen: Any) -> None:
     screen.print(
         f"variances over those of the thesis's steady steps in the same time, geometric mean: {plan.ratio:.2f}"
     )
+    screen.print(FORM, soft_wrap=True)
     screen.print(f"the hull stays {plan.room:.2f} m clear of walls, floor and surface, by the twin")
 
 

@@ -1,5 +1,8 @@
 """rovtwin vehicle add, remove, diff: what a change of a vehicle's parts changes."""
 
+import re
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -128,9 +131,9 @@ def _report(
     """Write the file, and print or emit what changed of the `given` vehicle and what would trim it again."""
     from rovtwin.runs.vehicle_figures import compared, devices_load
     from rovtwin.vehicle.analysis.lint import reservations
-    from rovtwin.vehicle.outfitting.refit import trimming, with_ballast
+    from rovtwin.vehicle.outfitting.refit import signed, trimming, with_ballast
 
-    pieces, notes, without = [], list(change.notes), ""
+    pieces, without = [], ""
     try:
         pieces = trimming(change.before, change.after, net_buoyancy)
     except ConfigError as error:
@@ -140,6 +143,7 @@ def _report(
     trimmed = with_ballast(change, pieces, out)
     shown = trimmed if ballast else change
     rows = compared(change.before, shown.after)
+    notes = [*shown.notes, *_about_pieces(change, given if out is None else str(out), pieces)]
     notes += [f"in still water {line}" for line in reservations(shown.after.model())]
     notes += [] if without or net_buoyancy is not None else _about_sinking(change, ballast)
     notes += sorted({f"no bound of the position: {row['why']}" for row in rows if row["why"]})
@@ -147,7 +151,8 @@ def _report(
     if drawn and not shown.after.power_sources:
         notes.append(f"it draws {drawn:.3g} W; the vehicle's file has no battery")
     if out is not None:
-        write_text(out, shown.text)
+        command = shlex.join(["rovtwin", *sys.argv[1:]])
+        write_text(out, signed(shown, command, out, pieces if ballast else ()).text)
     if as_json:
         notes += [without] if without else []
         ballasting = [{"material": p.material, "mass_kg": p.mass, "position_m": list(p.position)} for p in pieces]
@@ -180,6 +185,37 @@ def _about_sinking(change: "Refit", on_board: bool) -> list[str]:
         f"before, it sank with {-net:.3g} N, and ballast {made} it do so again: --ballast --buoyancy "
         f"{BUOYANT * weight:.2g}N makes it float, with {BUOYANT:.0%} of its weight"
     ]
+
+
+def _about_pieces(change: "Refit", file: str, pieces: "list[Piece]") -> list[str]:
+    """That it floats or sinks by more than before, and which pieces of earlier ballast could come off for that."""
+    from rovtwin.vehicle.analysis.hydrostatics import floating_of
+    from rovtwin.vehicle.constants import GRAVITY
+
+    was, total = floating_of(change.before.assembly).net_buoyancy, change.after.assembly
+    net, little = floating_of(total).net_buoyancy, UNNOTICED * GRAVITY * total.solid.mass
+    if abs(net - was) <= little:
+        return []
+    rises = net > was
+    notes = (
+        [f"without more ballast it floats with {net:.3g} N (before: {was:+.3g} N)"] if rises and net > little else []
+    )
+    kind, against = ("foam", "lead") if rises else ("lead", "foam")
+    # What a part lifts it with, or pulls it down with.
+    forces = {
+        part.name: GRAVITY * abs(total.density * (part.volume or 0.0) - part.mass)
+        for part in change.after.file.parts
+        if re.fullmatch(rf"{kind}_\d+", part.name) and part.mass is not None
+    }
+    nearest = min(forces, key=lambda name: abs(forces[name] - abs(net - was)), default="")
+    if forces and any(piece.material == against for piece in pieces):
+        listed = ", ".join(f"{name} ({force:.2g} N)" for name, force in forces.items())
+        does = "lifts it" if kind == "foam" else "pulls it down"
+        notes.append(
+            f"{kind} of earlier ballast {does}: {listed}. Taking it off may do in place of more {against}: rovtwin "
+            f"vehicle remove {file} {nearest} -o FILE"
+        )
+    return notes
 
 
 def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, net_buoyancy: float | None) -> str:

@@ -92,7 +92,7 @@ def ballast(
         typer.Option(
             metavar="X,Y,Z",
             help="A place for the middle of a piece: 0.2,0,-0.1 or 200mm,0,-100mm. Repeatable; "
-            "default corners, edges and centres of top and bottom of the box around all shapes.",
+            "default corners, edges and centres of top and bottom of the box around the hull.",
         ),
     ] = None,
     water: Water = None,

@@ -43,7 +43,10 @@ class Protocols:
         self.left_out = 0
         if not self._pipe.poll(STARTING):
             self.close()
-            raise LinkError(f"the process of protocols: found no sign of life in {STARTING:g} s, expected it to run")
+            raise LinkError(
+                f"the process of protocols: found no sign of life in {STARTING:g} s, expected it to run. On a busy "
+                "machine it starts late: try again, or stop what else computes there"
+            )
 
     @property
     def pid(self) -> int | None:

@@ -31,6 +31,7 @@ DEEP, AIMED = (
     0.1,
 )  # errors at which a dive is complete: lengths of the vehicle, radians (`gnc.guidance.path_following`)
 BEFORE = 5.0  # what tips a vehicle has its effect within this time [s]
+SPARE, SETTLING = 1.2, 10.0  # of a proposed duration: times what is left, and more [s]
 SURGE, PITCH = 0, 4
 MOVING = (GO, DIVE, TURN)
 
@@ -122,7 +123,7 @@ def _under_way(flown: Flown, scenario: Scenario, phase: int, waypoint: int) -> s
     where = "at" if phase == HOLD else "diving at" if phase == DIVE else "on its way to"
     clauses = f"{where} {_numbered(waypoint, scenario)}, ({at[0]:.1f}, {at[1]:.1f}) at {at[2]:.1f} m depth"
     seconds = _seconds_left(flown, scenario, phase, waypoint)
-    enough = 10.0 * math.ceil((flown.duration + seconds) / 10.0)
+    enough = 10.0 * math.ceil((flown.duration + SPARE * seconds + SETTLING) / 10.0)
     return f"{clauses}; what is left takes about {seconds:.0f} s more: raise duration to {enough:.0f}"
 
 
@@ -138,7 +139,7 @@ def _seconds_left(flown: Flown, scenario: Scenario, phase: int, waypoint: int) -
         before = place
         held = float(np.sum(flown.mode[:, 0] == HOLD)) * float(np.median(np.diff(flown.t))) if i == 0 else 0.0
         seconds += max(point.hold_time - (held if phase == HOLD else 0.0), 0.0)
-    return 1.2 * seconds + 10.0
+    return seconds
 
 
 def cause(stall: Stall, flown: Flown, scenario: Scenario, model: Model, vehicle: Vehicle | None = None) -> str:

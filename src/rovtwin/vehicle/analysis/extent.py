@@ -11,9 +11,14 @@ from rovtwin.vehicle.description.totals.assembly import Assembly
 from rovtwin.vehicle.solids.placement import HERE, Placement
 
 
-def bounding_box(body: schema.Body) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None:
-    """Lowest and highest corner in b [m] of all shapes; None where no part has one."""
-    found = [_extent(solid, placement) for solid, placement in _solids(body, HERE)]
+def bounding_box(body: schema.Body, least: float = 0.0) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None:
+    """Lowest and highest corner in b [m] of all shapes; None where no part has one.
+
+    `least` leaves out those with less than this share of the largest one's volume.
+    """
+    solids = list(_solids(body, HERE))
+    most = max((solid.volume() for solid, _ in solids), default=0.0)
+    found = [_extent(solid, placement) for solid, placement in solids if solid.volume() >= least * most]
     if not found:
         return None
     low, high = zip(*found, strict=True)

@@ -5,7 +5,7 @@ electronics in a hull without a volume, and parts without a shape, are described
 the whole (`restoring`, `hydrodynamics`) nothing is counted twice.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -115,11 +115,19 @@ def pieces(body: Body, name: str, placement: Placement = HERE, within: tuple[Bod
         yield from pieces(part, f"{name}.{part.name}" if within else part.name, inner, chain)
 
 
-def overlaps(file: Body, name: str) -> list[Overlap]:
-    """The parts of a vehicle that overlap by more than a tenth of the smaller one, where that counts water twice."""
+def overlaps(file: Body, name: str, among: Collection[str] | None = None) -> list[Overlap]:
+    """The parts of a vehicle that overlap by more than a tenth of the smaller one, where that counts water twice.
+
+    Args:
+        file: Of the vehicle.
+        name: Of the vehicle, for a shape of its own.
+        among: Names of parts; only pairs with one of them are looked at. None: all.
+    """
     every = list(pieces(file, name))
     found = []
     for first, later in combinations(every, 2):
+        if among is not None and not {first.name, later.name} & set(among):
+            continue
         small, large = sorted((first, later), key=lambda piece: piece.solid.volume())
         if np.linalg.norm(small.placement.position - large.placement.position) > small.reach + large.reach:
             continue

@@ -1,7 +1,7 @@
 """A vehicle with foam and lead on it: a file that holds the vehicle as a part, and what the pieces change."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,13 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError, exists_already
 from rovtwin.core.user_files.yamlfile import dump_yaml
-from rovtwin.vehicle.analysis.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.analysis.hydrostatics import floating_of
 from rovtwin.vehicle.description import files
 from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.description.water import check_density
-from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, BallastTarget, Piece, Stock, pieces_for, places_around
+from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, BallastTarget, Piece, Stock, pieces_for
+from rovtwin.vehicle.outfitting.editing import made_by
+from rovtwin.vehicle.outfitting.places import ROUNDS, around_hull, laid_out
 
 STEP = 0.01  # what pieces are rounded to unless a step is given [kg]
 SHARE = 0.25  # of the vehicle's mass: more foam and lead than that is another vehicle
@@ -29,7 +30,7 @@ class Materials:
     Attributes:
         foam_density: [kg/m3].
         weight_density: [kg/m3].
-        places: Where the middle of a piece may be, in b [m], shape (k, 3); None: around the box of all shapes.
+        places: Where the middle of a piece may be, in b [m], shape (k, 3); None: on the box around the hull.
         most: Of all pieces together [kg]; None: `SHARE` of what the vehicle weighs.
     """
 
@@ -72,12 +73,20 @@ def ballast(
     vehicle = load_vehicle(path)
     density = vehicle.assembly.density if water_density is None else check_density(water_density)
     total = vehicle.in_water(density).assembly
-    exact = pieces_for(total, target, _stock(vehicle, materials or Materials()))
+    folder, stock = Path() if out is None else out.parent, _stock(vehicle, materials or Materials())
+    reference = files.reference(path, folder)
+    exact, remarks = laid_out(
+        lambda places: pieces_for(total, target, replace(stock, places=places)),
+        stock.places,
+        lambda pieces: (
+            vehicle_from_dict(wrapper(vehicle, reference, pieces, density), "ballasted vehicle", folder).file
+        ),
+        0 if materials is not None and materials.places is not None else ROUNDS,
+    )
     rounded = [p for p in (piece.rounded(STEP if step is None else step) for piece in exact) if p.mass > 0]
     pieces = exact if step is None else rounded
 
-    folder = Path() if out is None else out.parent
-    data = wrapper(vehicle, files.reference(path, folder), pieces, density)
+    data = wrapper(vehicle, reference, pieces, density)
     if out is not None:
         _write(data, out, command)
     where = "ballasted vehicle" if out is None else out.name
@@ -95,7 +104,7 @@ def ballast(
         "after": after,
         "rounding_kg": STEP if step is None else step,
         "rounded": None if step is not None else _rounded_figures(vehicle, path, rounded, density),
-        "notes": _notes(target, before, after),
+        "notes": [*_notes(target, before, after), *remarks],
         "file": None if out is None else str(out),
     }
 
@@ -142,6 +151,12 @@ def names(pieces: Sequence[Piece], taken: Collection[str] = ()) -> list[str]:
     return found
 
 
+def weighed(pieces: Sequence[Piece]) -> str:
+    """How much there is of each material, in words; empty without pieces."""
+    weights = {m: sum(p.mass for p in pieces if p.material == m) for m in dict.fromkeys(p.material for p in pieces)}
+    return " and ".join(f"{1000 * mass:.0f} g of {material}" for material, mass in weights.items())
+
+
 def size(piece: Piece) -> tuple[float, float, float]:
     """Length, width, height [m] of the flat block, twice as long and wide as high, that stands for a piece."""
     height = (piece.volume / 4.0) ** (1.0 / 3.0)
@@ -171,11 +186,9 @@ def wrapper(vehicle: Vehicle, reference: str, pieces: Sequence[Piece], density: 
         pieces: To add.
         density: Of the water [kg/m3].
     """
-    weights = {m: sum(p.mass for p in pieces if p.material == m) for m in dict.fromkeys(p.material for p in pieces)}
-    added = " and ".join(f"{1000 * mass:.0f} g of {material}" for material, mass in weights.items()) or "nothing"
     return {
         "name": f"{vehicle.name}_ballasted",
-        "description": f"{vehicle.name} with {added} added",
+        "description": f"{vehicle.name} with {weighed(pieces) or 'nothing'} added",
         "water_density": density,
         "parts": [_as_it_was(vehicle, reference, density), *blocks(pieces)],
     }
@@ -223,13 +236,7 @@ def _stock(vehicle: Vehicle, materials: Materials) -> Stock:
         if far > 10.0:
             raise ConfigError(f"a place {far:g} m from CO, expected within 10 m; did you mean {far:g}mm?")
     else:
-        box = bounding_box(vehicle.file) or around_thrusters(vehicle.assembly)
-        if box is None:
-            raise ConfigError(
-                f"{vehicle.where}: neither a part with a shape nor a thruster says where its outside is, to put pieces "
-                "on; name places (--at x,y,z)"
-            )
-        places = places_around(*box)
+        places = around_hull(vehicle)
     return Stock(places, most, materials.foam_density, materials.weight_density)
 
 
@@ -243,7 +250,6 @@ def _require_new(out: Path) -> None:
 
 
 def _write(data: dict[str, Any], out: Path, command: str) -> None:
-    made = f"# Made by `{command}`.\n" if command else ""
     text = dump_yaml(data, default_flow_style=None, allow_unicode=True)
     with out.open("x", encoding="utf-8") as file:  # "x": also where somebody else made it meanwhile
-        file.write(made + text)
+        file.write((made_by(command) if command else "") + text)

@@ -13,6 +13,7 @@ import yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.yamlfile import near, parse_yaml
 
+MADE = "# Made by `rovtwin "
 _TEXT = "tag:yaml.org,2002:str"
 
 
@@ -112,6 +113,34 @@ def _checked(text: str, expected: dict[str, Any], where: str) -> str:
     raise ConfigError(
         f"{where}: found parts or spare_sensors in a layout that cannot be edited line by line: edit the file by hand"
     )
+
+
+def made_by(command: str) -> str:
+    """First line of a file that a command writes."""
+    return f"{MADE}{command.removeprefix('rovtwin ')}`.\n"
+
+
+def is_made(text: str) -> bool:
+    """Whether a command wrote the head of a file, and so may write it again."""
+    return text.startswith(MADE)
+
+
+def with_head(text: str, command: str, name: str, description: str, where: str) -> str:
+    """The text of a vehicle file with another command in its first line, another name and another description.
+
+    Raises:
+        ConfigError: The text is no YAML, or these cannot be edited as text.
+    """
+    head, data = {"name": name, "description": description}, parse_yaml(text, where)
+    root = yaml.compose(text, yaml.SafeLoader)
+    assert isinstance(root, yaml.MappingNode)
+    found = {key.value: value for key, value in root.value if key.value in head}
+    for key, node in sorted(found.items(), key=lambda one: -one[1].start_mark.index):
+        end = "\n" if isinstance(node, yaml.ScalarNode) and node.style in ("|", ">") else ""
+        text = text[: node.start_mark.index] + _flow(head[key]) + end + text[node.end_mark.index :]
+    rest = text.partition("\n")[2] if is_made(text) else text
+    missing = "".join(f"{key}: {_flow(value)}\n" for key, value in head.items() if key not in found)
+    return _checked(made_by(command) + missing + rest, data | head, where)
 
 
 def with_references(text: str, renamed: Callable[[str, str], str]) -> str:

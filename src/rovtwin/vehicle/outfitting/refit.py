@@ -15,16 +15,26 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.yamlfile import parse_yaml, read_yaml
-from rovtwin.vehicle.analysis.extent import around_thrusters, bounding_box
+from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.analysis.hydrostatics import floating_of
 from rovtwin.vehicle.analysis.overlap import overlaps
 from rovtwin.vehicle.description import files
 from rovtwin.vehicle.description.identified import fingerprint
 from rovtwin.vehicle.description.instruments import instruments
+from rovtwin.vehicle.description.schema import Body, Part
 from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, BallastTarget, Piece, Stock, pieces_for, places_around
-from rovtwin.vehicle.outfitting.ballasted import SHARE, blocks
-from rovtwin.vehicle.outfitting.editing import with_parts, with_references, with_spares, without_part, written
+from rovtwin.vehicle.outfitting.ballast import FOAM, LEAD, BallastTarget, Piece, Stock, pieces_for
+from rovtwin.vehicle.outfitting.ballasted import SHARE, blocks, weighed
+from rovtwin.vehicle.outfitting.editing import (
+    is_made,
+    with_head,
+    with_parts,
+    with_references,
+    with_spares,
+    without_part,
+    written,
+)
+from rovtwin.vehicle.outfitting.places import around_hull, laid_out
 from rovtwin.vehicle.physics.actuation import size
 
 TOTALS = ("rigid_body", "restoring", "hydrodynamics")
@@ -42,6 +52,8 @@ class Refit:
         after: The same with the change.
         notes: What to know.
         folder: What references to files in the text are relative to.
+        what: What was done to the vehicle, in words that follow its name.
+        made: Whether a command wrote the head of the text (its first line, name and description), and not a person.
         predicted: Whether tests identified the vehicle, so that `before` and `after` are predictions beside it.
     """
 
@@ -50,6 +62,8 @@ class Refit:
     after: Vehicle
     notes: tuple[str, ...]
     folder: Path
+    what: str
+    made: bool
     predicted: bool = False
 
 
@@ -90,14 +104,15 @@ def add(
     if any(attitude_deg):
         part["pose"]["attitude_deg"] = [float(angle) for angle in attitude_deg]
     if extended:
-        text = _respelt(with_parts(path.read_text(encoding="utf-8"), [part], path.name), before, path)
+        own = path.read_text(encoding="utf-8")
+        text, made = _respelt(with_parts(own, [part], path.name), before, path), is_made(own)
     else:
         holder["description"] = f"{before.name} with {part['name']}"
-        text = written(holder | {"parts": [*holder["parts"], part]})
+        text, made = written(holder | {"parts": [*holder["parts"], part]}), True
     after = _read(text, out, folder)
     lie = [one.line() for one in overlaps(after.file, after.name) if one.moved == part["name"]]
     notes = (*lie, *_about_identification(path, out))
-    return Refit(text, before, after, notes, folder, predicted=identified)
+    return Refit(text, before, after, notes, folder, f"with {part['name']}", made, predicted=identified)
 
 
 def _require_near(position: Sequence[float], vehicle: Vehicle) -> None:
@@ -131,7 +146,7 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
     folder = path.parent if out is None else out.parent
     before = load_vehicle(path, identified=False)
     text = path.read_text(encoding="utf-8")
-    identified = "identified" in parse_yaml(text, path.name)
+    made, identified = is_made(text), "identified" in parse_yaml(text, path.name)
     if identified:
         text = written({key: value for key, value in read_yaml(path).items() if key != "identified"})
     text = _moved(_respelt(without_part(text, name, path.name), before, path), path, folder)
@@ -142,13 +157,15 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
     after = _read(text, out, folder)
     if (left := instruments(after)) and all(one.spare for one in left):
         notes.append("all instruments that are left are spare_sensors, so that none is read: take them out there")
-    return Refit(text, before, after, (*notes, *_about_identification(path, out)), folder, predicted=identified)
+    notes += _about_identification(path, out)
+    return Refit(text, before, after, tuple(notes), folder, f"without {name}", made, predicted=identified)
 
 
 def trimming(before: Vehicle, after: Vehicle, net_buoyancy: float | None = None) -> list[Piece]:
     """Least foam and lead that gives a changed vehicle its net buoyancy and hangs it level, to the gram.
 
-    The pieces sit around the box of the vehicle as it was; of one without shapes, of its thrusters.
+    The pieces sit on the box around the hull of the vehicle as it was; of one without shapes, around its thrusters.
+    Where one would lie in another part it is shifted (`places.laid_out`).
 
     Args:
         before: The vehicle as it was.
@@ -158,22 +175,42 @@ def trimming(before: Vehicle, after: Vehicle, net_buoyancy: float | None = None)
     Raises:
         ConfigError: No pieces do it.
     """
-    box = bounding_box(before.file) or around_thrusters(before.assembly)
-    if box is None:
-        raise ConfigError(f"{before.where}: no part has a shape or a thruster, so it has no outside to put ballast on")
     target = BallastTarget(
         floating_of(before.assembly).net_buoyancy if net_buoyancy is None else net_buoyancy, level=True
     )
-    stock = Stock(places_around(*box), SHARE * after.assembly.solid.mass, FOAM, LEAD)
-    pieces = [piece.rounded(STEP) for piece in pieces_for(after.assembly, target, stock)]
-    return [piece for piece in pieces if piece.mass > 0]
+    stock = Stock(around_hull(before), SHARE * after.assembly.solid.mass, FOAM, LEAD)
+
+    def solve(places: np.ndarray) -> list[Piece]:
+        pieces = [piece.rounded(STEP) for piece in pieces_for(after.assembly, target, replace(stock, places=places))]
+        return [piece for piece in pieces if piece.mass > 0]
+
+    def assembled(pieces: Sequence[Piece]) -> Body:
+        parts = after.file.parts
+        laid_on = [Part.model_validate(block) for block in blocks(pieces, [part.name for part in parts])]
+        return after.file.model_copy(update={"parts": [*parts, *laid_on]})
+
+    return laid_out(solve, stock.places, assembled)[0]
 
 
 def with_ballast(change: Refit, pieces: Sequence[Piece], out: Path | None = None) -> Refit:
-    """The same with pieces on it."""
+    """The same with pieces on it, and a note on each that lies in another part."""
     where = "vehicle" if out is None else out.name
     parts = blocks(pieces, [part.name for part in change.after.file.parts])
     text = with_parts(change.text, parts, where) if parts else change.text
+    after = _read(text, out, change.folder)
+    lie = [one.line() for one in overlaps(after.file, after.name, [part["name"] for part in parts])]
+    return replace(change, text=text, after=after, notes=(*change.notes, *lie))
+
+
+def signed(change: Refit, command: str, out: Path, pieces: Sequence[Piece] = ()) -> Refit:
+    """The same with first line, name and description of the command that writes it.
+
+    A file that a person wrote keeps its own.
+    """
+    if not change.made:
+        return change
+    about = f"{change.before.name} {change.what}" + (f", {weighed(pieces)} added" if pieces else "")
+    text = with_head(change.text, command, out.stem, about, out.name)
     return replace(change, text=text, after=_read(text, out, change.folder))
 
 
