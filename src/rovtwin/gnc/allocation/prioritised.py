@@ -164,4 +164,4 @@ def row_weights(lower: Vector6, upper: Vector6) -> Vector6:
     xp = module_for(lower, upper)
     largest = xp.maximum(upper, -lower)
     some = largest > RANK_TOLERANCE * xp.max(largest)
-    return as_array(xp.where(some, 1.0 / xp.where(some, largest, 1.0), 0.0))
+    return jnp.asarray(xp.where(some, 1.0 / xp.where(some, largest, 1.0), 0.0))

@@ -119,7 +119,7 @@ class AchievableSpeed(eqx.Module):
         most = in_numpy(self.most)
         xp = module_for(most)
         slower = xp.min(most[:, 1])
-        return as_array(xp.where(slower < FREE, slower, 0.0))
+        return jnp.asarray(xp.where(slower < FREE, slower, 0.0))
 
     @traced_once
     def level_heading(self, preferred: Scalar, way: Vector2, current: Vector2, heading: Scalar) -> Scalar:

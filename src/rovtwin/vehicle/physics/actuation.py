@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rovtwin.core.numerics import as_array, in_numpy, module_for
+from rovtwin.core.numerics import in_numpy, jnp, module_for
 from rovtwin.core.programs.values import once_and_for_all
 from rovtwin.core.types import Vector6
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
@@ -163,7 +163,7 @@ def wrench_limits(thrusters: Thrusters) -> tuple[Vector6, Vector6]:
     T, (low, high) = in_numpy((thrusters.configuration, force_limits(thrusters)))
     xp = module_for(T, low, high)
     ends = T * low, T * high
-    return as_array(xp.sum(xp.minimum(*ends), axis=1)), as_array(xp.sum(xp.maximum(*ends), axis=1))
+    return jnp.asarray(xp.sum(xp.minimum(*ends), axis=1)), jnp.asarray(xp.sum(xp.maximum(*ends), axis=1))
 
 
 def share_of_limits(T: Any, lowest: Any, highest: Any, tau: Any) -> Float[np.ndarray, " k"]:

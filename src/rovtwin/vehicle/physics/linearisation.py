@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from rovtwin.core.arrays.small_matrices import product
 from rovtwin.core.frames import skew
-from rovtwin.core.numerics import Array, as_array, in_numpy, jnp, module_for
+from rovtwin.core.numerics import Array, in_numpy, jnp, module_for
 from rovtwin.core.types import Matrix6, Vector6
 from rovtwin.vehicle.physics.dynamics import restoring_lever
 from rovtwin.vehicle.physics.model import Model
@@ -35,7 +35,7 @@ def damping_jacobian(model: Model, nu: Vector6, size: int = 6) -> Float[Array, "
     ahead = xp.where(v > 0, 1.0, xp.where(v < 0, 0.0, 0.5))
     linear = part(model.linear_damping_ahead) * ahead + part(model.linear_damping_astern) * (1.0 - ahead)
     quadratic = xp.where(v >= 0, part(model.quadratic_damping_ahead), part(model.quadratic_damping_astern))
-    return as_array(linear + 2.0 * quadratic * xp.abs(v))
+    return jnp.asarray(linear + 2.0 * quadratic * xp.abs(v))
 
 
 def coriolis_jacobian(mass: Matrix6, nu: Vector6) -> Matrix6:

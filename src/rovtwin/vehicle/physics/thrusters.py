@@ -99,7 +99,7 @@ def static_force(thrusters: Thrusters, u: PerThruster) -> PerThruster:
     force = xp.where(u >= 0, thrusters.force_ahead, -thrusters.force_astern) * shape
     if _has_tables(thrusters):
         force = xp.where(thrusters.tabulated, _interpolate(thrusters.table_command, thrusters.table_force, u), force)
-    return as_array(thrusters.health * force)
+    return jnp.asarray(thrusters.health * force)
 
 
 def _interpolate(
@@ -184,8 +184,8 @@ def half_steps(thrusters: Thrusters, force: Forces, target: Forces, dt: ScalarLi
 
 def force_limits(thrusters: Thrusters) -> tuple[PerThruster, PerThruster]:
     """Lowest and highest force that commands reach [N]."""
-    ones = np.ones(thrusters.force_ahead.shape)
-    return static_force(thrusters, as_array(-ones)), static_force(thrusters, as_array(ones))
+    ones = np.ones(thrusters.force_ahead.shape, thrusters.force_ahead.dtype)
+    return static_force(thrusters, jnp.asarray(-ones)), static_force(thrusters, jnp.asarray(ones))
 
 
 def inflow_damping(thrusters: Thrusters, force: Forces) -> Forces:
