@@ -197,6 +197,14 @@ def test_foam_that_could_come_off_is_named(bracket, tmp_path, monkeypatch):
     assert "foam of earlier ballast lifts it: foam_1 (" in shown and "vehicle remove claw.yaml foam_1 -o FILE" in shown
 
 
+def test_a_file_that_is_wrong_is_named_as_it_was_typed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "key.yaml").write_text("name: key\nmas: 3\n")
+    error = CliRunner().invoke(app, ["vehicle", "check", "bad/key.yaml"]).exception
+    assert isinstance(error, ConfigError) and str(error).startswith("bad/key.yaml: ")
+
+
 @pytest.mark.system
 def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
     data = load_vehicle("double_blueye").to_dict() | {"name": "found"}

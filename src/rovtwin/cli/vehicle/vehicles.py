@@ -9,6 +9,7 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit
 from rovtwin.cli.vehicle.changes import add, diff, remove
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.files import write_text
 
 vehicle_app = typer.Typer(
@@ -65,7 +66,11 @@ def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
     """Check a vehicle file: what is wrong with it (exit code 2), whether it sinks or capsizes and what else to know."""
     from rovtwin.vehicle import check as check_it
 
-    found = check_it(vehicle)
+    try:
+        found = check_it(vehicle)
+    except ConfigError as error:  # a file of another folder goes by the path that was typed
+        text, name = str(error), Path(vehicle).name
+        raise ConfigError(vehicle + text.removeprefix(name)) if text.startswith(f"{name}:") else error from None
     if as_json:
         data = {"verdict": found.verdict, "reservations": found.reservations, "findings": found.findings}
         emit({"vehicle": vehicle, "valid": True, **data})
