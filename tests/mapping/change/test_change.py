@@ -63,7 +63,9 @@ def test_the_same_seabed_has_not_changed():
     )
     wide = round(detect.TREND * LEAST / CELL)
     x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
-    test = detect.tested(a, b, displacement(x, y, CELL, 0.2, 0.017), CELL, LEAST, 0.05)
+    moved = displacement(x, y, CELL, 0.2, 0.017)
+    assert moved is not None
+    test = detect.tested(a, b, moved, CELL, LEAST, 0.05)
     assert len(things(test, CELL, LEAST, 0.1)) <= 2
 
 
