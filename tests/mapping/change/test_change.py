@@ -63,7 +63,9 @@ def test_the_same_seabed_has_not_changed():
     )
     wide = round(detect.TREND * LEAST / CELL)
     x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
-    test = detect.tested(a, b, displacement(x, y, CELL, 0.2, 0.017), CELL, LEAST, 0.05)
+    moved = displacement(x, y, CELL, 0.2, 0.017)
+    assert moved is not None
+    test = detect.tested(a, b, moved, CELL, LEAST, 0.05)
     assert len(things(test, CELL, LEAST, 0.1)) <= 2
 
 
@@ -138,7 +140,7 @@ def test_single_squares_of_the_contrast_that_is_stated_are_found_over_half_of_th
             some = things(_still(cubes[0], after), CELL, LEAST)
             found.append(any(np.hypot(one.place[0] - row, one.place[1] - column) * CELL < 0.08 for one in some))
     shares = {times: np.mean(some) for times, some in hits.items()}
-    assert 0.3 < shares[1.0] < 0.75 and shares[1.5] > 0.75 and shares[0.5] < 0.15, shares
+    assert 0.3 < shares[1.0] <= 0.75 and shares[1.5] > 0.75 and shares[0.5] < 0.2, shares  # 0.71, 0.83, 0.12
 
 
 def _still(first, second):

@@ -18,8 +18,8 @@ def map_lines(
     lines: Annotated[
         list[Path] | None,
         typer.Option(
-            help="File of lines, of `rovtwin scan` or an imager; again for each more of the dive, or a folder of "
-            "them; default lines.h5 in RUN."
+            help="File of lines, by `rovtwin scan` or from an imager, or a folder of such files. Repeat the option for "
+            "a dive in several files. Default: lines.h5 in RUN."
         ),
     ] = None,
     floor: Annotated[

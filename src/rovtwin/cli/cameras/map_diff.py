@@ -23,7 +23,11 @@ def map_diff(
     ] = 0.05,
     relief: Annotated[
         float,
-        typer.Option(min=0.0, max=10.0, help="How far things may stand above the mosaics' floor, or lie below it [m]."),
+        typer.Option(
+            min=0.0,
+            max=10.0,
+            help="How far things may stand above the mosaics' floor, or lie below it [m]; 0: all are changes.",
+        ),
     ] = 0.3,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="New folder; default change in MOSAIC_2.")] = None,
     as_json: AsJson = False,
@@ -31,8 +35,8 @@ def map_diff(
     """Lay two mosaics of one place upon each other and map what changed beyond their errors.
 
     The second is registered to the first by its own pictures; noise, light, grain and what is left of the displacement
-    are measured on the cells that did not change. What both show, only elsewhere, is listed apart: it stands above the
-    floor, or was moved. Out come the changes as GeoJSON with place, size and contrast, layers, and report.html.
+    are measured on the cells that did not change. What both show, only elsewhere, is listed apart as standing (above
+    the floor) or moved. Out come the changes as GeoJSON with place, size and contrast, layers, and report.html.
 
     Example: [bold]rovtwin map-diff may/mosaic june/mosaic -o change[/bold]
     """

@@ -1,4 +1,4 @@
-"""Which changes are places that both mosaics show, only elsewhere: what stands above the modelled floor, or moved.
+"""Which changes are places that both mosaics show, only elsewhere: things standing or moved.
 
 A thing h higher than the floor that pixels were laid on lies h s farther out, s the slant under which it was seen
 (horizontal way from the imager over the vertical one). Two mosaics that saw it under s_A and s_B show it

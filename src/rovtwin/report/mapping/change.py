@@ -18,7 +18,7 @@ Rings = Sequence[tuple[tuple[float, float], float]]  # middle, x and y of the sh
 
 
 def changes(sheet: Sheet, rings: Rings, elsewhere: Rings) -> Figure:
-    """The first mosaic with a numbered ring about each change, a dashed one about what stands or was moved.
+    """The first mosaic with a numbered ring about each change, a dashed one about each thing standing or moved.
 
     Args:
         sheet: The first mosaic.

@@ -136,8 +136,8 @@ def _spoken(faintest: float, contrast: float, least: float, elsewhere: list[Thin
         )
     if elsewhere:
         remarks.append(
-            f"{len(elsewhere)} places are in both mosaics, only elsewhere: they stand up to {relief:g} m above or "
-            "below the mosaics' floor, or were moved by as little; they do not count as changes"
+            f"{len(elsewhere)} things are standing or moved: both mosaics show them, only elsewhere, as what stands "
+            f"up to {relief:g} m above or below their floor, or was moved by as little; they do not count as changes"
         )
     return remarks
 

@@ -21,7 +21,7 @@ _LABELS = {
     "compared_m2": "compared [m2]",
     "changes": "changes",
     "changed_m2": "changed [m2]",
-    "standing_or_moved": "in both, only elsewhere: standing above the floor, or moved (s)",
+    "standing_or_moved": "standing or moved: in both mosaics, only elsewhere (s)",
     "shift_north_east_m": "second lies north, east of the first by [m]",
     "shift_varies_m": "shift within, standard deviation [m]",
     "shift_sd_m": "shift, uncertainty [m]",
@@ -31,7 +31,7 @@ _LABELS = {
     "sd_of_change": "standard deviation of a change, median",
 }
 _FILES = {
-    "changes.geojson": "outlines of the changes, and of what stands or was moved, with size and contrast",
+    "changes.geojson": "outlines of the changes, and of things standing or moved, with size and contrast",
     "change.tif": "change, its standard deviation, its chance, shift: cloud-optimised GeoTIFF",
     "change.json": "figures, and all changes",
 }
@@ -47,8 +47,8 @@ def write_change_page(folder: Path, found: Difference, first: Mosaic, second: Mo
     pictures = [
         save(
             figures.changes(sheet, rings, elsewhere), folder, "changes", "What changed",
-            "The first mosaic; a ring about each change, numbered from the surest; dashed (s) what both mosaics show, "
-            "only elsewhere: it stands above or below their floor, or was moved.",
+            "The first mosaic; a ring about each change, numbered from the surest; dashed (s) things standing or "
+            "moved: both mosaics show them, only elsewhere, as what stands above or below their floor.",
         ),
         save(
             figures.difference(sheet, brightness, shift, found.seen), folder, "difference", "Difference and shift",
