@@ -69,7 +69,9 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     code, out, _ = run(capsys, *words, "--ballast", "--overwrite", "--json")
     report = json.loads(out)
     figures = {row["key"]: row for row in report["figures"]}
-    assert code == 0 and report["ballasted"] and report["file"] == str(new) and new.read_text().startswith(written)
+    assert code == 0 and report["ballasted"] and report["file"] == str(new)
+    assert new.read_text().partition("parts:")[2].startswith(written.partition("parts:")[2])
+    assert "--ballast" in new.read_text().splitlines()[0] and "g of foam added" in new.read_text()
     assert figures["mass"]["change"] == pytest.approx(0.17 + sum(p["mass_kg"] for p in report["ballast"]))
     assert abs(figures["net_buoyancy"]["after"]) < 0.03 and abs(figures["trim"]["after"]) < 0.1
     assert figures["hotel_load"]["change"] == 4 and figures["endurance"]["change"] < 0
