@@ -54,7 +54,7 @@ class FloorHits:
 
 
 @runtime_checkable
-class Cast(Protocol):
+class RayCaster(Protocol):
     """A floor that knows itself where rays first meet it, such as a mesh, which may have several depths at a place."""
 
     def hits(
@@ -103,7 +103,7 @@ def floor_hits(
     floor: Floor, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"], longest: float
 ) -> FloorHits:
     """Of rays from where they enter the water, n [m], along unit vectors; none is longer than `longest` [m]."""
-    if isinstance(floor, Cast):
+    if isinstance(floor, RayCaster):
         return floor.hits(origin, direction, longest)
     way = ways_to(floor, origin, direction, longest)
     point = origin + way[..., None] * direction

@@ -75,7 +75,7 @@ class LinesOfFiles(LinesFile):
     @property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Those of the first file; `pieces` leads to those of each."""
-        return [one.frames for one in self._files][0]
+        return self._files[0].frames
 
     @property
     def described(self) -> bool:

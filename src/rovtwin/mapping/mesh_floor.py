@@ -62,7 +62,7 @@ class MeshFloor:
     def hits(
         self, origin: Float[np.ndarray, "*n 3"], direction: Float[np.ndarray, "*n 3"], longest: float
     ) -> FloorHits:
-        """See `imaging.floor.Cast`; normals are those of the triangles, on the side that the ray comes from."""
+        """See `imaging.floor.RayCaster`; normals are those of the triangles, on the side that the ray comes from."""
         origin, direction = np.broadcast_arrays(origin, direction)
         shape, o, d = origin.shape[:-1], origin.reshape(-1, 3), direction.reshape(-1, 3)
         way, which = self._tree.first(o, d, longest)

@@ -62,7 +62,7 @@ def test_what_a_panel_cannot_put_right_is_in_the_remark():
     ways = np.linspace(1.0, 2.0, 101).reshape(1, -1)
     for modelled, given, words in ((False, False, "nothing corrects for range"), (True, False, "a guess"),
                                    (True, True, "as stated")):  # fmt: skip
-        remark = about_range(seen, ways, modelled, given)  # type: ignore[arg-type]
+        remark = about_range(seen, ways, modelled, given)  # type: ignore[arg-type]  (a stand-in)
         assert remark.startswith("panel at 1.20 m, the mosaic at 1.05 to 1.95 m (5 %, 95 %)") and words in remark
 
 
@@ -72,5 +72,5 @@ def test_classes_count_the_error_of_a_panel_in_place_of_that_of_the_lamps(older)
     if older:  # made before panels were
         stated |= {"lamps": 0.05 * np.ones(5), "panel": None}
     mosaic = SimpleNamespace(budget=lambda name, later=False: stated[name])
-    errors, remarks = _errors(mosaic, np.arange(5))  # type: ignore[arg-type]
+    errors, remarks = _errors(mosaic, np.arange(5))  # type: ignore[arg-type]  (a stand-in)
     assert set(errors) == {"height", "water", "lamps" if older else "panel"} and not remarks

@@ -113,7 +113,7 @@ def test_control_points_count_through_all_files_or_in_the_one_they_name(tmp_path
 
 
 def test_a_tie_says_the_line_of_each_file(inputs):
-    there = Residuals(None, None, np.zeros((0, 2)), 5.0, (2, 1, 4), ("a", "b", "c"))  # type: ignore[arg-type]
+    there = Residuals(None, None, np.zeros((0, 2)), 5.0, (2, 1, 4), ("a", "b", "c"))  # type: ignore[arg-type]  (parts that are not used)
     found = there._in_files(np.array([1.25, 2.0, 3.5]))
     assert found == {"files": ["a", "b", "c"], "lines_in_files": [1.25, 0.0, 0.5]}
     assert replace(there, counts=(7,), files=("a",))._in_files(np.array([1.25])) == {}

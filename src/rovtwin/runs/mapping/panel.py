@@ -65,8 +65,8 @@ def read_panel(
     if sum(whole) != 1 or any(value is not None for value in places[whole.index(False)]):
         raise ConfigError(f"{path.name}: expected north and east [m], or latitude and longitude [deg], and not both")
     place = np.array(places[0], float) if whole[0] else np.zeros(2)
-    if whole[1] and datum is not None:
-        place = datum.position(*places[1], 0.0)[:2]  # type: ignore[arg-type]
+    if given.latitude is not None and given.longitude is not None and datum is not None:
+        place = datum.position(given.latitude, given.longitude, 0.0)[:2]
     if isinstance(given.reflectance, str):
         spectrum = _spectrum(path.parent / given.reflectance, wavelengths, fwhm)
     else:
