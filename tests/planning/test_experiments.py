@@ -215,6 +215,9 @@ def test_a_tank_too_small_to_excite_an_axis_is_reported_with_the_numbers(reached
     else:
         lines = excitation(vehicle, tank, top, able, pulls, speeds)
         assert len(lines) == (refused is False) and all("reaches 0.3 of 1 m/s" in line for line in lines)
+        assert all("a tank of 1" in line for line in lines)
+        roomy = excitation(vehicle, Tank(30.0, 30.0, 1.5), top, able, pulls, speeds)
+        assert all("tell linear from quadratic drag: more time would do it" in line for line in roomy)
 
 
 def test_what_comes_near_a_wall_counts_until_an_abort():

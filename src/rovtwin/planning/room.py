@@ -97,7 +97,13 @@ def excitation(
             for axis, one in pulls
             if axis == AXES[i] and not one.aborted and np.abs(one.nu[:, i]).max() >= SLOW * top[i]
         ]
-        room = f"a tank of {min(fast, key=lambda t: sum(np.log(t.sizes)))}" if fast else "a larger tank or more time"
+        least = min(fast, key=lambda t: sum(np.log(t.sizes))) if fast else None
+        if least is None:
+            room = "a larger tank or more time"
+        elif all(need <= size for need, size in zip(least.sizes, tank.sizes, strict=True)):
+            room = "more time"  # this tank has room for the pull, and other manoeuvres told more in the time given
+        else:
+            room = f"a tank of {least}"
         lines.append(
             f"{AXES[i]} reaches {reached[i]:.2g} of {top[i]:.2g} m/s, and {SLOW * top[i]:.2g} m/s are needed to tell "
             f"linear from quadratic drag: {room} would do it"

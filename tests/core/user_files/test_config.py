@@ -6,7 +6,7 @@ import pytest
 from pydantic import Field
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.user_files.config import Positive, Radians, Strict, Vector3, parse, parse_yaml, read_yaml
+from rovtwin.core.user_files.config import Number, Positive, Radians, Strict, Vector3, parse, parse_yaml, read_yaml
 
 
 class Thruster(Strict):
@@ -30,6 +30,7 @@ class Vehicle(Strict):
     parts: list[Part]
     count: int = 1
     on: bool = False
+    size: tuple[Number, Number, Number] = (1.0, 1.0, 1.0)
 
 
 def message(text):
@@ -70,6 +71,8 @@ PARTS = [
     ("parts: 3", "v.yaml: parts: found 3, expected a list"),
     ("count: 1", "v.yaml: parts: missing"),
     ("{parts: [], count: 1.5}", "v.yaml: count: found 1.5, expected a whole number"),
+    ("{parts: [], size: [1]}", "v.yaml: size: found 1 value, expected more"),
+    ("{parts: [], size: [1, 2, 3, 4]}", "v.yaml: size: found 4 values, expected 3"),
     ("{parts: [], on: perhaps}", "v.yaml: on: found 'perhaps', expected true or false"),
     # Of a union only the branch that was meant speaks.
     ("parts: [{either: {kind: named, nam: x}}]", "v.yaml: parts[0].either.name: missing"),

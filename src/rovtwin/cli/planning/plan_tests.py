@@ -165,7 +165,7 @@ def _print_what_it_counts_on(plan: "Plan", minutes: float, bollard: float, ident
         screen.print(note, markup=False, soft_wrap=True)
     left = minutes - float(plan.expected.minutes[-1])
     if left > 0.05:
-        screen.print(f"{60 * left:.0f} s of the {minutes:g} minutes are left over: no other manoeuvre fits into them")
+        screen.print(f"{60 * left:.0f} s of {minutes:g} min are left over: no other manoeuvre fits into them")
 
 
 def _sd(value: float, relative: bool) -> str:

@@ -112,6 +112,8 @@ def _say(item: Any, known: dict[str, Any], field: Any) -> str:
         if key in known:  # of another branch of the union
             return "no such key beside this type"
         return "no such key." + near(key, known)
+    if kind == "missing" and isinstance(item["loc"][-1], int):  # of a list of a fixed length
+        return f"found {counted(len(found))}, expected more"
     if kind == "missing":
         meaning = f" ({field.description})" if field is not None and field.description else ""
         return f"missing{meaning}"
