@@ -32,6 +32,7 @@ from tests.commission.truths import hidden_truth  # noqa: E402  (the path above 
 LINKS = {"blueye": "blueye://127.0.0.2,127.0.0.3", "mavlink": "mavlink://udpin:127.0.0.1:14550", "twin": "twin://"}
 MOCAP = "qtm://127.0.0.1/rov"
 GAIN = "JS_GAIN_DEFAULT"  # which ArduSub ships at 0.5: no commissioning goes on before it is 1
+CARRY = "carry"  # file of a vehicle that waits to be carried to the tank's middle
 KILLED_AFTER = 12.0  # of a stage's first attempt [s]; those that end sooner are not killed
 
 
@@ -43,13 +44,17 @@ def begin(arguments: argparse.Namespace) -> None:
     truth = hidden_truth(arguments.vehicle, arguments.seed, path)
     reading = full_pull(truth.model(), arguments.protocol)
     begun = time.monotonic()
-    server = serve(path, arguments.protocol, folder)
+    (folder / CARRY).unlink(missing_ok=True)
+    served = Served(path, arguments.protocol, folder)
     try:
-        kills = commission(arguments, reading, folder)
+        kills = commission(arguments, reading, folder, served)
     finally:
-        server.send_signal(signal.SIGINT)
-        server.wait(30)
-    found = scores(folder / "commissioned", truth) | {"wall_s": time.monotonic() - begun, "kills": kills}
+        served.end()
+    found = scores(folder / "commissioned", truth) | {
+        "wall_s": time.monotonic() - begun,
+        "kills": kills,
+        "carried": served.carried,
+    }
     found |= {"vehicle": arguments.vehicle, "seed": arguments.seed, "scale_reading_n": reading}
     (folder / "scores.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(found, indent=1))
@@ -68,6 +73,27 @@ def full_pull(model: Any, protocol: str) -> float:
     surge = np.abs(np.asarray(model.thrusters.configuration)[0])
     low, high = (np.asarray(limit) for limit in force_limits(model.thrusters))
     return float(np.where(surge > 0.05 * surge.max(), surge, 0.0) @ np.minimum(-low, high))
+
+
+class Served:
+    """The truth behind its protocol. To carry it to the tank's middle is to begin it anew."""
+
+    def __init__(self, path: Path, protocol: str, folder: Path):
+        self._path, self._protocol, self._folder = path, protocol, folder
+        self._process, self.carried = serve(path, protocol, folder), 0
+
+    def carry(self) -> None:
+        """If it waits for it."""
+        if not (self._folder / CARRY).exists():
+            return
+        self.end()
+        self._process = serve(self._path, self._protocol, self._folder)
+        self.carried += 1
+        (self._folder / CARRY).unlink()
+
+    def end(self) -> None:
+        self._process.send_signal(signal.SIGINT)
+        self._process.wait(30)
 
 
 def serve(path: Path, protocol: str, folder: Path) -> subprocess.Popen[bytes]:
@@ -103,7 +129,7 @@ def raise_gain() -> None:
     line.close()
 
 
-def commission(arguments: argparse.Namespace, reading: float, folder: Path) -> int:
+def commission(arguments: argparse.Namespace, reading: float, folder: Path, served: Served) -> int:
     """Begin and, where it was killed, go on, until it ends by itself; how many times it was killed."""
     killed: set[str] = set()
     while True:
@@ -111,6 +137,7 @@ def commission(arguments: argparse.Namespace, reading: float, folder: Path) -> i
         stage, since = "", time.monotonic()
         while child.poll() is None:
             time.sleep(0.2)
+            served.carry()
             if (now := running(folder / "commissioned")) != stage:
                 stage, since = now, time.monotonic()
             if arguments.kill and stage and stage not in killed and time.monotonic() - since > KILLED_AFTER:
@@ -130,13 +157,17 @@ def running(folder: Path) -> str:
 
 
 class Script:
-    """The person: yes to all, one reading of the scale."""
+    """The person: yes to all, one reading of the scale, carries the vehicle to the middle when asked to."""
 
-    def __init__(self, reading: float):
-        self._numbers, self._begun = [2.0 * reading, reading], time.monotonic()
+    def __init__(self, reading: float, folder: Path):
+        self._numbers, self._begun, self._carry = [2.0 * reading, reading], time.monotonic(), folder / CARRY
 
     def confirm(self, question: str) -> bool:
         self.say(f"? {question}")
+        if "Is it there now?" in question:
+            self._carry.touch()
+            while self._carry.exists():
+                time.sleep(0.2)
         return "One more pull" not in question
 
     def number(self, question: str, unit: str) -> float | None:
@@ -159,7 +190,7 @@ def child(arguments: argparse.Namespace) -> None:
     request = Request(
         arguments.vehicle, LINKS[arguments.protocol], sensors, arguments.tank, None, minutes=arguments.minutes
     )
-    person = Script(float(arguments.child))
+    person = Script(float(arguments.child), arguments.out)
     run(request, arguments.out / "commissioned", STAGES, person, shown=lambda stage, attempt: show(person, attempt))
 
 

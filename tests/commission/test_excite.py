@@ -169,6 +169,38 @@ def test_parts_that_ended_early_are_used_and_the_next_is_planned_with_more_room_
     assert "4 parts ended early" in outcome.reasons[0]
 
 
+def test_a_later_attempt_begins_with_the_room_that_parts_before_it_needed(bench):
+    made = bench(minutes=40.0, widths=(0.2,) * 9)
+    made.reasons = ["geofence"] * 4
+    first = excite.run(made.work)
+    assert first.measured["ended_early"] == 4
+    dossier = made.work.dossier
+    dossier.end(dossier.attempts("excite")[-1], first)
+    folder = dossier.next_attempt(1, STAGE).folder
+    made.reasons = ["operator"]
+    excite.run(Work(dossier, folder, made.person))
+    assert made.planned[-1].caution == 1.5**3
+
+
+@pytest.mark.parametrize(("carried", "flown"), [(True, 1), (False, 0)])
+def test_a_part_waits_for_a_vehicle_that_is_brought_to_the_middle(bench, monkeypatch, carried, flown):
+    made = bench(minutes=4.0, widths=(0.04,), person=Scripted(no=() if carried else ["Is it there now?"]))
+    away = ["the vehicle is at north 1.20, east -1.92, depth 0.13 m.", ""]
+    monkeypatch.setattr(excite, "outside", lambda scenario, position: away.pop(0))
+    outcome = excite.run(made.work)
+    assert len(made.flown) == flown and outcome.go is carried
+    asked = [question for question in made.person.questions if "Is it there now?" in question]
+    assert len(asked) == 1 and "east -1.92" in asked[0] and "Bring it there" in asked[0]
+    assert carried or outcome.reasons[0].startswith("place: the vehicle is at north 1.20")
+
+
+def test_a_vehicle_that_nobody_brings_ends_the_stage(bench, monkeypatch):
+    made = bench(minutes=4.0, widths=(0.04,))
+    monkeypatch.setattr(excite, "outside", lambda scenario, position: "the vehicle is at north 9, east 0, depth 0 m.")
+    outcome = excite.run(made.work)
+    assert not outcome.go and not made.flown and len(made.person.questions) == excite.CARRIES
+
+
 def test_a_log_that_cannot_be_right_stops_before_anything_is_estimated(bench):
     made = bench()
     made.flown, made.checks = [4.0], [Check("stop", "part-1, gyro", "p and q are swapped.", "Mend the file.")]

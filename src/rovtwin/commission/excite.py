@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.commission.dossier import Dossier
 from rovtwin.commission.evidence.estimated import estimated, written
 from rovtwin.commission.evidence.forces import Quantity, damping_forces, pushed, up_to_scale
 from rovtwin.commission.evidence.logs import Flown, logs_of, read_logs
@@ -22,6 +23,7 @@ from rovtwin.live.readiness import Readiness
 from rovtwin.planning.experiments import BOLLARD, plan_tests
 from rovtwin.planning.plan import Plan
 from rovtwin.runs.flight import Flight
+from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import load_vehicle
 
 PART = 4.0  # of a part [min]: long enough to tell something, short enough to learn from before the next
@@ -29,6 +31,8 @@ TO_THE_MIDDLE = 0.3  # of a part, on which it is planned for less [min]
 SHORTEST = 1.0  # left over, below which no part is begun [min]
 ENDED_EARLY = 4  # parts that may end early before the stage stops
 CAUTION = 1.5  # by which the room to walls and to the attitude limit grows after each of them
+MOST_CAUTION = 3  # of them, after which it grows no more: no plan would fit
+CARRIES = 2  # times that a part waits for a vehicle that is brought to the middle
 GRAVE = ("leak", "battery critical", "battery low", "operator", "not a number", "interrupted", "link lost")
 SO_FAR = "so_far.yaml"
 PLACE = "Bring it there; the origin of positions belongs in the middle of the tank, north along its length."
@@ -47,6 +51,7 @@ class _Excitation:
         work: What it works with.
         seconds: Flown in this attempt.
         early: Parts of it that ended early.
+        before: Those of earlier attempts.
     """
 
     work: Work
@@ -55,6 +60,7 @@ class _Excitation:
 
     def __post_init__(self) -> None:
         self.checks: list[Check] = []
+        self.before = _ended_early(self.work.dossier)
         self.anchors = list(self.work.dossier.measured("scale").get("anchors", []))
         self.hands = _hands(self.work)
 
@@ -107,6 +113,11 @@ class _Excitation:
         more = f"--minutes {request.minutes + 2 * PART:g} goes on from here; or accept it: --interval."
         return Check("warning", "damping", f"{text}.", more)
 
+    @property
+    def caution(self) -> float:
+        """How much more room the next part has than the first one had."""
+        return CAUTION ** min(self.before + self.early, MOST_CAUTION)
+
     def _part(self, flown: Flown, found: Identification | None) -> Check | None:
         """Plan and fly one; a reason to stop, None where the next may come."""
         work = self.work
@@ -117,7 +128,7 @@ class _Excitation:
         except IdentificationError as error:
             return Check("stop" if not flown.records else "warning", "plan", str(error), "Give more --minutes.")
         except ConfigError as error:
-            more = f" It was to have {CAUTION**self.early:.2g} times as much room." if self.early else ""
+            more = f" It was to have {self.caution:.2g} times as much room." if self.caution > 1.0 else ""
             return Check("stop", "plan", f"{error}.{more}", "A larger --tank, or the dip again: --stage dip.")
         return self._fly(plan, number)
 
@@ -134,13 +145,24 @@ class _Excitation:
             lambda what, share: work.person.progress(f"planning part {number}: {what}", share),
             by_hand=self.hands,
             positions=work.positions() or {},  # where a part measures them: room for a fence all the same
-            caution=CAUTION**self.early,
+            caution=self.caution,
         )
 
     def _fly(self, plan: Plan, number: int) -> Check | None:
-        work, folder = self.work, self.work.folder / f"part-{number}"
-        scenario = in_tank(work, plan)
-        seconds, asked = scenario.duration, _question(plan, number)
+        """Fly it, also where somebody has to bring the vehicle to the middle first."""
+        scenario = in_tank(self.work, plan)
+        asked = _question(plan, number)
+        stop = self._flown_from_here(scenario, asked, number)
+        for _ in range(CARRIES):
+            if stop is None or stop.what != "place":
+                break
+            if not self.work.person.confirm(f"Part {number} waits: {stop.text} {PLACE} Is it there now?"):
+                break
+            stop = self._flown_from_here(scenario, asked, number)
+        return stop
+
+    def _flown_from_here(self, scenario: Scenario, asked: str, number: int) -> Check | None:
+        work, folder, seconds = self.work, self.work.folder / f"part-{number}", scenario.duration
         refused: list[Check] = []
 
         def arm(readiness: Readiness) -> bool:
@@ -185,7 +207,7 @@ class _Excitation:
         if any(reason.startswith(word) for word in GRAVE):
             return Check("stop", what, text, "See to it, then repeat this stage: it goes on with what is flown.")
         self.early += 1
-        more = f"The next one has {CAUTION**self.early:.2g} times as much room to walls and to the attitude limit."
+        more = f"The next one has {self.caution:.2g} times as much room to walls and to the attitude limit."
         self.checks.append(Check("warning", what, f"{text}.", more if self.early < ENDED_EARLY else ""))
         if self.early < ENDED_EARLY:
             return None
@@ -204,12 +226,20 @@ class _Excitation:
             "logs": [os.path.relpath(log, work.folder) for log in flown.logs],
             "minutes": flown.minutes,
             "intervals": rows,
+            "ended_early": self.early,
         }
         files = [str(log.relative_to(work.folder)) for log in flown.logs if work.folder in log.parents]
         if found is not None:
             measured["vehicle_file"] = SO_FAR
             files.append(SO_FAR)
         return Outcome(tuple(_once([*self.checks, *flown.checks])), measured, tuple(files), self.seconds)
+
+
+def _ended_early(dossier: Dossier) -> int:
+    """Parts that ended early in attempts that are over, of the vehicle as it is described now."""
+    now = dossier.request.fingerprint()
+    own = [one.outcome for one in dossier.attempts("excite") if one.fingerprint == now and one.outcome is not None]
+    return sum(int(outcome.measured.get("ended_early", 0)) for outcome in own)
 
 
 def known_before(work: Work, found: Identification | None, pulled: bool) -> tuple[str, float | None]:
