@@ -211,7 +211,7 @@ def test_evidence(installed, monkeypatch):
     import yaml
 
     from rovtwin.identification.experiment.information import with_anchors
-    from rovtwin.planning.experiments import what_is_known
+    from rovtwin.planning.known import what_is_known
 
     (handed, checked), names = installed("evidence.md", "stopwatch", {"rovtwin.evidence": {"rise": "stopwatch:Rise"}})
     (text,) = blocks("evidence.md", "yaml")

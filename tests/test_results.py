@@ -54,7 +54,19 @@ def planned():
     ones = np.ones(p)
     hopes = Expected(names, ones, ones > 0, ones, sd, np.array([1.0, 2.5]), RNG.uniform(size=(k, p)))
     model = rovtwin.load_vehicle("double_blueye").model()
-    return Plan(scenario, hopes, 0.9 * sd, 0.7, rehearsed, 0.4, (30, 20), ["pull ahead", "turn"], ["too narrow"], model)
+    return Plan(
+        scenario,
+        hopes,
+        0.9 * sd,
+        0.7,
+        rehearsed,
+        0.4,
+        np.array([2.0, 1.0, 1.2]),
+        (30, 20),
+        ["pull ahead", "turn"],
+        ["too narrow"],
+        model,
+    )
 
 
 def smoothed():

@@ -15,7 +15,6 @@ from rovtwin.commission.request import Request
 from rovtwin.commission.stage import Check, Outcome, Stage
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError, IdentificationError
-from rovtwin.planning.tank import Tank
 from rovtwin.vehicle import load_vehicle
 
 STAGE = Stage("excite", "Excite", "", "", True, excite.run)
@@ -259,24 +258,12 @@ def test_hands_are_asked_for_only_where_a_person_can_reach(tmp_path, monkeypatch
         assert excite._hands(work) is expected and bool(person.questions) == (link != "twin://")
 
 
-def test_the_fence_lies_between_the_planned_path_and_the_walls():
-    model, tank = load_vehicle("double_blueye").model(), Tank(6.0, 3.0, 1.5)
-    position = np.array([[0.0, 0.0, 0.75], [1.0, -0.2, 0.8]])
-    flown = SimpleNamespace(position=position, attitude=np.tile([1.0, 0, 0, 0], (2, 1)))
-    half, deepest = room.fence(model, flown, tank)
-    reach = np.abs(np.asarray(model.hull.corners)).max(axis=0)
-    assert half == pytest.approx([0.5 * (1.0 + 3.0 - reach[0]), 0.5 * (0.2 + 1.5 - reach[1])])
-    assert tank.touches(model, flown) == pytest.approx([3.0 - reach[0], 1.5 - reach[1]])
-    assert 0.8 < deepest < tank.depth - np.asarray(model.hull.corners)[:, 2].max()
-    beyond = SimpleNamespace(position=position + [5.0, 0, 0], attitude=flown.attitude)
-    assert room.fence(model, beyond, tank)[0][0] == pytest.approx(6.0), "never inside the path"
-
-
 def test_a_planned_part_goes_to_the_middle_first_and_knows_its_fence(bench):
     work = bench().work
     planned = work.scenario({"test": {"manoeuvres": [{"manoeuvre": "doublets", "axis": "surge", "home": 4.0}]}})
     flown = SimpleNamespace(position=np.array([[0.3, 0.0, 0.75]]), attitude=np.array([[1.0, 0, 0, 0]]))
     plan = SimpleNamespace(scenario=planned, model=load_vehicle("double_blueye").model(), flown=flown)
+    plan.fence = work.request.room.fence(plan.model, [flown])
     scenario = room.in_tank(work, plan)
     first, second = scenario.test.manoeuvres
     assert scenario.test.home_at_start and first.manoeuvre == "rest" and first.home == 8.0 and second.axis == "surge"

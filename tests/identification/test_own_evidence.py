@@ -11,7 +11,7 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.trust import VARIABLE
 from rovtwin.identification.joint.solver.anchors import static_evidence
 from rovtwin.identification.own_evidence import OwnEvidence, about_own
-from rovtwin.planning.experiments import what_is_known
+from rovtwin.planning.known import what_is_known
 from rovtwin.testing import check_evidence
 
 pytestmark = pytest.mark.system

@@ -14,8 +14,9 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.identification.experiment.information import Information
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
-from rovtwin.planning.experiments import _laid_out, _scenario, plan_tests, what_is_known
-from rovtwin.planning.rehearsal import Rehearsed, _exact
+from rovtwin.planning.experiments import TIPPING, _as_level_as_can_be, _laid_out, _scenario, plan_tests
+from rovtwin.planning.known import drawn_models, what_is_known
+from rovtwin.planning.rehearsal import Rehearsed, _exact, rehearse
 from rovtwin.planning.room import excitation, require_possible
 from rovtwin.planning.tank import Tank, counted_on, positions_in_tank
 from rovtwin.report.identification.words import is_coupling
@@ -57,6 +58,20 @@ def test_a_path_leaves_room_for_a_fence_that_positions_can_hold():
     tank.require_fence(model, 0.03)
     with pytest.raises(ConfigError, match=r"err by 0.5 m .* 6x3x1.5 no fence .* qtm://"):
         tank.require_fence(model, 0.5)
+
+
+def test_the_fence_lies_between_the_flown_paths_and_the_walls():
+    model, tank = load_vehicle("double_blueye").model(), Tank(6.0, 3.0, 1.5)
+    position = np.array([[0.0, 0.0, 0.75], [1.0, -0.2, 0.8]])
+    flown = SimpleNamespace(position=position, attitude=np.tile([1.0, 0, 0, 0], (2, 1)))
+    north, east, deepest = tank.fence(model, [flown])
+    reach = np.abs(np.asarray(model.hull.corners)).max(axis=0)
+    assert [north, east] == pytest.approx([0.5 * (1.0 + 3.0 - reach[0]), 0.5 * (0.2 + 1.5 - reach[1])])
+    assert tank.touches(model, flown) == pytest.approx([3.0 - reach[0], 1.5 - reach[1]])
+    assert 0.8 < deepest < tank.depth - np.asarray(model.hull.corners)[:, 2].max()
+    beyond = SimpleNamespace(position=position + [5.0, 0, 0], attitude=flown.attitude)
+    assert tank.fence(model, [beyond])[0] == pytest.approx(6.0), "never inside the path"
+    assert tank.fence(model, [flown, beyond])[0] == pytest.approx(6.0), "of any vehicle that may fly it"
 
 
 def test_a_plan_counts_on_the_positions_that_the_vehicle_measures_itself():
@@ -161,6 +176,42 @@ def test_more_caution_keeps_a_strong_vehicle_level_and_off_the_walls():
     assert plan.ratio < 1.0 and len(plan.manoeuvres) >= 5
 
 
+@pytest.mark.slow  # half a minute to compile
+def test_vehicles_that_the_plan_has_not_seen_seldom_leave_their_limits_in_it():
+    """Half of those that are as far off as the prior has them tipped over before plans were flown by such vehicles."""
+    vehicle, tank, errs = load_vehicle("bluerov2_heavy"), Tank(6.0, 4.0, 1.5), 0.005
+    positions = {"noise": errs, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
+    plan = plan_tests(vehicle, "bluerov2_heavy", 3.7, tank, seed=2, by_hand=False, positions=positions)
+    parameters, prior = what_is_known(vehicle, 0.02)
+
+    def share_that_leaves(spread, seed):
+        others = drawn_models(parameters, Gaussian(prior.mean, spread**2 * prior.covariance), 30, seed)
+        flown = rehearse([plan.flown.scenario] * len(others), others)
+        return np.mean([len(tank.left(plan.model, one, errs)) > 0 for one in flown])
+
+    assert share_that_leaves(1.0, 99) < 0.4 and share_that_leaves(0.5, 98) < 0.1 and plan.ratio < 0.8
+
+
+@pytest.mark.parametrize(
+    ("possible", "expected"),
+    [
+        ({(0.4, True), (np.inf, True)}, (0.4, True)),
+        ({(np.inf, True), (0.4, False)}, (np.inf, True)),
+        ({(0.4, False), (TIPPING, False)}, (0.4, False)),
+        ({(TIPPING, False)}, (TIPPING, False)),
+        ({(np.inf, False)}, (np.inf, False)),
+    ],
+)
+def test_drawn_vehicles_are_kept_off_their_limits_before_the_assumed_one_is_kept_level(possible, expected):
+    def lay_out(limit, drawn):
+        if (limit, drawn) not in possible:
+            raise ConfigError("none")
+        return ("laid", limit, drawn), None, [rehearsed(0.0)]
+
+    (laid, *_), remarks = _as_level_as_can_be(lay_out, 0.4)
+    assert laid[1:] == expected and bool(remarks) == (expected[0] != 0.4)
+
+
 @pytest.mark.slow  # half a minute to compile, a quarter of an hour of test flown
 def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
     out, picture = tmp_path / "plan.yaml", tmp_path / "plan.png"
@@ -240,7 +291,7 @@ def test_a_plan_ends_though_candidates_come_near_walls_in_company():
             at["order"] = order
             test = scenario.test.model_copy(update={"manoeuvres": scenario.test.manoeuvres[:1] * len(order)})
             at["spans"] = spans_of(scenario.model_copy(update={"test": test}))
-            return scenario.model_copy(update={"test": test}), rehearsed(0.0)
+            return scenario.model_copy(update={"test": test}), [rehearsed(0.0)]
 
         def near(_):
             return np.array([s["start"] for s in at["spans"] if at["order"][s["manoeuvre"]] not in good])

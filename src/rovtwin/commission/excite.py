@@ -20,7 +20,8 @@ from rovtwin.live.connect import on_this_machine
 from rovtwin.live.flight import fly_live
 from rovtwin.live.manoeuvres import Cue
 from rovtwin.live.readiness import Readiness
-from rovtwin.planning.experiments import BOLLARD, plan_tests
+from rovtwin.planning.experiments import plan_tests
+from rovtwin.planning.known import BOLLARD
 from rovtwin.planning.plan import Plan
 from rovtwin.runs.flight import Flight
 from rovtwin.scenario.schema import Scenario

@@ -24,15 +24,12 @@ from rovtwin.gnc.experiment import mixing
 from rovtwin.gnc.safety.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.identification.experiment.choice import choose_tests, expected, variance_ratio
-from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
-from rovtwin.identification.identify import default_free
-from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.experiment.information import Information, Path, information
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.model.parameters import Parameters
-from rovtwin.identification.joint.model.prior import default_prior
-from rovtwin.identification.joint.result.payload import prior_from
 from rovtwin.identification.logs.record import Record
 from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
+from rovtwin.planning.known import BOLLARD, drawn_models, what_is_known
 from rovtwin.planning.plan import Plan
 from rovtwin.planning.rehearsal import Rehearsed, rehearse
 from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
@@ -44,15 +41,17 @@ from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.experiment import AXES
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.physics.actuation import wrench_limits
 
-BOLLARD = 0.02  # full thrust is known to, before the test
 TIPPING = 0.75 * RULES["attitude limit"].limit  # beyond which another true vehicle may leave it [rad]
 BY_HAND = 1.01 * float(np.arcsin(TIPPED))  # tilt of a release, which is no fault [rad]
 NOBODY = "releases left out: nobody tilts the vehicle; its damping in roll and pitch is tested by their couplings only"
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
+# Vehicles drawn from what is known that fly the plan, too, and how many of them may leave their limits. Where none may,
+# the plan tells a fifth less; of others drawn so a third leave them in a BlueROV2's plan (half, were it not looked at).
+DRAWS, STRAYS = 15, 1
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
+Laid = tuple[list[int], Scenario, list[Rehearsed]]  # chosen candidates, the test, as it is flown by each vehicle
 
 
 def write_plan(plan: Plan, path: pathlib.Path) -> None:
@@ -162,25 +161,31 @@ def plan_tests(
     )
     ours, theirs = _split(information, len(usable))
 
-    def fly(order: list[int]) -> tuple[Scenario, Rehearsed]:
-        scenario = _scenario(reference, tank, sensor, [pool[usable[i]] for i in order])
-        return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
-
+    truths = drawn_models(parameters, prior, DRAWS, seed)
     touching = TOUCHING * scales.length * caution
 
-    def lay_out(tipping: float) -> tuple[list[int], Scenario, Rehearsed]:
+    def fly(order: list[int]) -> tuple[Scenario, list[Rehearsed]]:
+        scenario = _scenario(reference, tank, sensor, [pool[usable[i]] for i in order])
+        rough = scenario.model_copy(update={"rates": quick[0].rates})
+        return scenario, rehearse([rough] * (1 + DRAWS), [model, *truths])
+
+    def lay_out(tipping: float, drawn: bool) -> Laid:
         by_hands = max(tipping, BY_HAND) if by_hand else tipping  # what hands tilt in a plan is no fault of the others
         limits = [by_hands if pool[i].get("manoeuvre") == "release" else tipping for i in usable]
         tilts = np.array([flown[i].tilt.max() > limit for i, limit in zip(usable, limits, strict=True)])
         left = replace(ours, seconds=np.where(tilts, np.inf, ours.seconds))
 
-        def near(one: Rehearsed) -> Float[np.ndarray, " n"]:
-            fenced = tank.past_a_fence(model, one, errs) if errs else np.empty(0)
-            return np.concatenate([tank.near(vehicle, one, touching), one.t[one.tilt > by_hands], fenced])
+        def near(flown: Sequence[Rehearsed]) -> Float[np.ndarray, " n"]:
+            assumed, others = flown[0], flown[1:] if drawn else ()
+            times = [tank.near(vehicle, assumed, touching), assumed.t[assumed.tilt > by_hands]]
+            left = [at for one in others if len(at := tank.left(model, one, errs))]
+            return np.concatenate([*times, tank.left(model, assumed, errs), *(left if len(left) > STRAYS else [])])
 
         return _laid_out(fly, near, prior, left, 60.0 * minutes, progress)
 
-    order, scenario, whole, tilted = _as_level_as_can_be(lay_out, TIPPING / caution)
+    (order, scenario, flights), tilted = _as_level_as_can_be(lay_out, TIPPING / caution)
+    whole, kept = flights[0], [one for one in flights[1:] if len(tank.left(model, one, errs)) == 0]
+    tilted += _strayed(DRAWS - len(kept))
     pulls = [(data.get("axis"), one) for data, one in zip(pool, flown, strict=False)]
     top = VehicleScales.of(model).top
     slow = excitation(vehicle, tank, top, scales.able, pulls, np.abs(whole.nu).max(axis=0))
@@ -195,6 +200,7 @@ def plan_tests(
         ratio=variance_ratio(hopes.plan, steady, hopes.prior),
         flown=whole,
         room=tank.room(vehicle, whole)[0],
+        fence=tank.fence(model, [whole, *kept]),
         candidates=(len(pool), len(usable)),
         manoeuvres=[in_words(pool[usable[i]]) for i in order],
         notes=[*assumed, *axes_left_out(scales), *([] if by_hand else [NOBODY]), *tilted, *slow],
@@ -202,37 +208,43 @@ def plan_tests(
     )
 
 
-def _as_level_as_can_be(
-    lay_out: Callable[[float], tuple[list[int], Scenario, Rehearsed]], tipping: float
-) -> tuple[list[int], Scenario, Rehearsed, list[str]]:
-    """A plan that tilts less than asked for, else than usual, else as it may; and the remark about it."""
-    for limit in sorted({tipping, TIPPING}):
+def _as_level_as_can_be(lay_out: Callable[[float, bool], Laid], tipping: float) -> tuple[Laid, list[str]]:
+    """A plan that tilts less than asked for, else as it may, and keeps drawn vehicles off their limits, too.
+
+    Where none does, one of the vehicle as it is assumed to be. With the remark about the tilt.
+    """
+    for limit, drawn in ((tipping, True), (np.inf, True), (tipping, False), (TIPPING, False)):
         try:
-            order, scenario, whole = lay_out(limit)
+            laid = lay_out(limit, drawn)
         except (ConfigError, IdentificationError):
             continue
         break
     else:
-        order, scenario, whole = lay_out(np.inf)
-        limit = np.inf
+        laid, limit = lay_out(np.inf, False), np.inf
     if limit == tipping:
-        return order, scenario, whole, []
-    most, least = np.degrees([whole.tilt.max(), tipping])
-    text = (
-        f"it tilts by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is not quite as "
-        "described may leave the limit"
-    )
-    return order, scenario, whole, [text]
+        return laid, []
+    most, least = np.degrees([laid[2][0].tilt.max(), tipping])
+    return laid, [f"it tilts by up to {most:.0f} deg: no plan keeps it below {least:.0f}"]
+
+
+def _strayed(strays: int) -> list[str]:
+    """How many drawn vehicles leave their limits in the plan, in words."""
+    if not strays:
+        return []
+    return [
+        f"{strays} of {DRAWS} vehicles drawn from what is known of it so far tip over or come too near to a wall in "
+        "this plan: it may end early. Less time, a larger tank, or a vehicle that is known better"
+    ]
 
 
 def _laid_out(
-    fly: Callable[[list[int]], tuple[Scenario, Rehearsed]],
-    near: Callable[[Rehearsed], Float[np.ndarray, " _"]],
+    fly: Callable[[list[int]], tuple[Scenario, list[Rehearsed]]],
+    near: Callable[[Sequence[Rehearsed]], Float[np.ndarray, " _"]],
     prior: Gaussian,
     information: Information,
     seconds: float,
     progress: Progress,
-) -> tuple[list[int], Scenario, Rehearsed]:
+) -> Laid:
     """The best order of candidates that keeps clear of walls, and level enough, when it is flown whole.
 
     One that begins where the last one ended may come nearer to a wall than alone: others take its place, and after
@@ -249,7 +261,6 @@ def _laid_out(
         progress("flying the plan", share)
         scenario, flown = fly(order)
         times = near(flown)
-        times = times if flown.aborted_at is None else np.append(times, flown.aborted_at)
         if len(times) == 0:
             return order, scenario, flown
         spans = spans_of(scenario)
@@ -262,30 +273,6 @@ def _laid_out(
         "--tank: no plan keeps clear of the walls and level enough: each manoeuvre that fits alone comes too near to a "
         "wall, or tilts the vehicle too far, in every plan; it needs a larger tank, or another --seed"
     )
-
-
-def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Parameters, Gaussian]:
-    """Parameters that a test could tell, and what is known of them before.
-
-    Args:
-        vehicle: As it is assumed to be.
-        bollard: Standard deviation of the full thrust in surge, sway and heave, as a share of it, from a pull on a
-            scale (thesis table 3.1); None: nobody pulled, and no motion tells the scale of all forces.
-    """
-    everything = catalogue(vehicle)
-    parameters = choose(everything, default_free(everything, []))
-    prior = default_prior(parameters, vehicle)
-    if vehicle.file.identified is not None:
-        prior = prior_from(vehicle, parameters, prior, None)
-    if bollard is None:
-        return parameters, prior
-    full = np.asarray(wrench_limits(parameters.model.thrusters)[1])
-    pulls = [
-        {"bollard": {"direction": axis, "command": 1.0, "force": float(force), "sd": float(bollard * force)}}
-        for axis, force in zip(AXES[:3], full, strict=False)
-        if force > 0
-    ]
-    return parameters, with_anchors(parameters, prior, pulls)
 
 
 def information_of(

@@ -34,6 +34,8 @@ class Plan(Stored):
         ratio: Geometric mean of the variances over the thesis's, of what at least one of both identifies.
         flown: As the twin flies it: times, path, commands.
         room: Between hull and walls on that path [m].
+        fence: Where a fence may end it: how far CO is from the tank's middle to north and east, and how deep [m], shape
+            (3,). The path is inside, and so are those of vehicles as they may truly be that keep to their limits.
         candidates: How many there were, and how many fitted the tank and the attitude limit.
         manoeuvres: Chosen, in words, in order.
         notes: What it counts on beside the vehicle, and what vehicle or tank do not let the test do, in words.
@@ -50,6 +52,7 @@ class Plan(Stored):
     ratio: float
     flown: Rehearsed
     room: float
+    fence: Float[np.ndarray, "3"]
     candidates: tuple[int, int]
     manoeuvres: list[str]
     notes: list[str]

@@ -23,6 +23,7 @@ from rovtwin.runs.loop import Loop, LoopMemory, stack
 from rovtwin.runs.run import ticks_in
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.events.attitude_restraint import AttitudeRestraint
+from rovtwin.vehicle import Model
 
 CHUNK = 10.0  # simulated time between looks from outside [s]
 
@@ -60,8 +61,12 @@ class Rehearsed:
         return np.linalg.norm(tilt_of(self.attitude), axis=1)
 
 
-def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
+def rehearse(scenarios: Sequence[Scenario], plants: Sequence[Model] | None = None) -> list[Rehearsed]:
     """Fly tests that differ in nothing but their manoeuvres.
+
+    Args:
+        scenarios: The tests.
+        plants: The vehicle that each is truly flown by; None: as the scenario has it.
 
     Raises:
         ConfigError: A test cannot be composed.
@@ -70,7 +75,8 @@ def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
     loop = eqx.tree_at(lambda one: one.twin.sensors, run.loop, _exact(run.loop.twin.sensors))
     experiments = [experiment_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
     counts = [int(experiment.timeline.count) for experiment in experiments]
-    tests = (_stacked(experiments), _hands(scenarios))
+    truths = [run.loop.twin.model] * len(scenarios) if plants is None else list(plants)
+    tests = (_stacked(experiments), _hands(scenarios), stack(truths))
     memories = _begin(loop, tests, run.key, run.start, control_dt=dt)
     ticks, kept = ticks_in(CHUNK, dt), []
     for k in range(0, max(counts), ticks):
@@ -129,9 +135,10 @@ def _hands(scenarios: Sequence[Scenario]) -> AttitudeRestraint:
     return stack([even(hand) for hand in hands])
 
 
-def _with_test(loop: Loop, test: tuple[Experiment, AttitudeRestraint]) -> Loop:
-    experiment, hand = test
-    return Loop(experiment, eqx.tree_at(lambda twin: twin.hand, loop.twin, hand, is_leaf=lambda x: x is None))
+def _with_test(loop: Loop, test: tuple[Experiment, AttitudeRestraint, Model]) -> Loop:
+    experiment, hand, truth = test
+    twin = eqx.tree_at(lambda twin: (twin.hand, twin.model), loop.twin, (hand, truth), is_leaf=lambda x: x is None)
+    return Loop(experiment, twin)
 
 
 @partial(jax.jit, static_argnames="control_dt")

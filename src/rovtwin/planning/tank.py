@@ -1,5 +1,6 @@
 """The tank that a planned test has to fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0
 HULL_EVERY = 5  # ticks between looks at the hull
 # Standard deviations of a position between a path and the fence that watches over it, and from there to the wall.
 ERRS = 2.5
+HALF = 0.5  # of the way from the paths to where the hull touches: there a fence ends a test
 
 
 def positions_in_tank(vehicle: Vehicle) -> dict[str, Any]:
@@ -110,6 +112,30 @@ class Tank:
         away = np.abs(flown.position[:, :2])
         end = np.inf if flown.aborted_at is None else flown.aborted_at
         return flown.t[(away > self.touches(model, flown) - 2.0 * ERRS * errs).any(axis=1) & (flown.t <= end)]
+
+    def left(self, model: Model, flown: Rehearsed, errs: float) -> Float[np.ndarray, " k"]:
+        """When a test ends before its time, as the vehicle tips over or is past a fence [s]; the floor does not count.
+
+        Args:
+            model: With its hull.
+            flown: The path.
+            errs: Standard deviation of a measured position [m].
+        """
+        aborted = [] if flown.aborted_at is None else [flown.aborted_at]
+        return np.concatenate([self.past_a_fence(model, flown, errs), aborted])
+
+    def fence(self, model: Model, flights: Sequence[Rehearsed]) -> Float[np.ndarray, "3"]:
+        """How far CO may be from the tank's middle to north and east, and how deep [m], before a test is ended.
+
+        Args:
+            model: With its hull.
+            flights: Paths that stay between the walls, see `past_a_fence`; the first one, which is planned, also above
+                the floor: in a shallow tank hardly a test keeps all vehicles that may be off the floor.
+        """
+        away = np.max([np.abs(one.position[:, :2]).max(axis=0) for one in flights], axis=0)
+        touches = np.min([self.touches(model, one) for one in flights], axis=0)
+        deepest, grounds = float(flights[0].position[:, 2].max()), self.depth - self.reaches_down(model, flights[0])
+        return np.append(away + HALF * np.maximum(touches - away, 0.0), deepest + HALF * max(grounds - deepest, 0.0))
 
     def require_fence(self, model: Model, errs: float) -> None:
         """Raises ConfigError where positions err [m] by too much for a fence about the middle."""

@@ -61,7 +61,8 @@ def plan_tests(
     # reads this when NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from rovtwin.identification.joint.model.groups import thruster_groups
-    from rovtwin.planning.experiments import BOLLARD, plan_tests, write_plan
+    from rovtwin.planning.experiments import plan_tests, write_plan
+    from rovtwin.planning.known import BOLLARD
     from rovtwin.planning.tank import Tank
     from rovtwin.report.identification.parameter_words import groups_in_words
     from rovtwin.vehicle import load_vehicle

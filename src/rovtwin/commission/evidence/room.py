@@ -4,21 +4,17 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError
 from rovtwin.live.connect import on_this_machine
 from rovtwin.planning.plan import Plan
-from rovtwin.planning.rehearsal import Rehearsed
-from rovtwin.planning.tank import ERRS, Tank
+from rovtwin.planning.tank import ERRS
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.experiment import pieces_of
 from rovtwin.runs.compose.sensors import sensors_of
 from rovtwin.scenario.schema import Scenario
-from rovtwin.vehicle import Model
 
-HALF = 0.5  # of the way from the planned path to where the hull touches: there the fence ends the part
 LASTING = 0.3  # outside the fence, before thrusters stop [s]: one position that is off ends nothing
 LEAST_HOME = 5.0  # for the way to the middle [s]
 
@@ -38,7 +34,7 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     errs, interval = float(np.max(np.asarray(sensor.noise))), 1000.0 / float(sensor.rate)
     tank = work.request.room
     tank.require_fence(plan.model, errs)
-    half, deepest = fence(plan.model, plan.flown, tank)
+    half, deepest = plan.fence[:2], float(plan.fence[2])
     if np.any(half + ERRS * errs > tank.touches(plan.model, plan.flown)):
         raise ConfigError(
             f"the planned path leaves no room for a fence before the walls of {tank}, as positions err by {errs:.2g} m "
@@ -60,20 +56,6 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     scenario = work.scenario(changes, str(plan.scenario.vehicle))
     seconds = sum(len(piece.share) for piece in pieces_of(scenario)) * scenario.control_dt
     return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})
-
-
-def fence(model: Model, flown: Rehearsed, tank: Tank) -> tuple[Float[np.ndarray, "2"], float]:
-    """How far CO may be from the tank's middle to north and east [m], and how deep [m].
-
-    Args:
-        model: With its hull.
-        flown: The plan's path, which leaves room for it: `Tank.past_a_fence`.
-        tank: Its middle is the path's start.
-    """
-    away, touches = np.abs(flown.position[:, :2]).max(axis=0), tank.touches(model, flown)
-    deepest = float(flown.position[:, 2].max())
-    grounds = tank.depth - tank.reaches_down(model, flown)
-    return away + HALF * np.maximum(touches - away, 0.0), deepest + HALF * max(grounds - deepest, 0.0)
 
 
 def outside(scenario: Scenario, position: Any) -> str:
