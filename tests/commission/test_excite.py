@@ -32,7 +32,7 @@ class Bench:
 
     def __init__(self, monkeypatch, tmp_path, minutes=15.0, widths=(0.2, 0.1, 0.04), person=None):
         self.person, self.widths = person or Scripted(), widths
-        self.planned, self.flown, self.reasons, self.doubts = [], [], [], []
+        self.planned, self.flown, self.reasons, self.doubts, self.folders = [], [], [], [], []
         dossier = Dossier.begin(tmp_path / "commissioned", Request("double_blueye", "twin://", minutes=minutes))
         self.work = Work(dossier, dossier.next_attempt(1, STAGE).folder, self.person)
         self.length, self.checks = None, ()
@@ -69,6 +69,7 @@ class Bench:
         return SimpleNamespace(duration=60.0 * self.length, model_copy=lambda update: update)
 
     def fly(self, scenario, link, sources, clock, folder, *, arm, progress, say, tell, warn):
+        self.folders.append(folder.name)
         if not arm(SimpleNamespace(start=SimpleNamespace(position=np.zeros(3)))):
             return SimpleNamespace(figures={"completed": False, "reason": "not armed"})
         self.flown.append(self.length)
@@ -190,6 +191,7 @@ def test_a_part_waits_for_a_vehicle_that_is_brought_to_the_middle(bench, monkeyp
     assert len(made.flown) == flown and outcome.go is carried
     asked = [question for question in made.person.questions if "Is it there now?" in question]
     assert len(asked) == 1 and "east -1.92" in asked[0] and "Bring it there" in asked[0]
+    assert made.folders == ["part-1", "part-1-2"][: 1 + flown], "nothing is written over"
     assert carried or outcome.reasons[0].startswith("place: the vehicle is at north 1.20")
 
 
@@ -197,7 +199,7 @@ def test_a_vehicle_that_nobody_brings_ends_the_stage(bench, monkeypatch):
     made = bench(minutes=4.0, widths=(0.04,))
     monkeypatch.setattr(excite, "outside", lambda scenario, position: "the vehicle is at north 9, east 0, depth 0 m.")
     outcome = excite.run(made.work)
-    assert not outcome.go and not made.flown and len(made.person.questions) == excite.CARRIES
+    assert not outcome.go and not made.flown and len(made.person.questions) == room.CARRIES
 
 
 def test_a_log_that_cannot_be_right_stops_before_anything_is_estimated(bench):

@@ -11,7 +11,7 @@ from rovtwin.commission.dossier import Dossier
 from rovtwin.commission.evidence.estimated import estimated, written
 from rovtwin.commission.evidence.forces import Quantity, damping_forces, pushed, up_to_scale
 from rovtwin.commission.evidence.logs import Flown, logs_of, read_logs
-from rovtwin.commission.evidence.room import in_tank, outside
+from rovtwin.commission.evidence.room import PLACE, from_the_middle, in_tank, outside
 from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError, IdentificationError
@@ -33,10 +33,8 @@ SHORTEST = 1.0  # left over, below which no part is begun [min]
 ENDED_EARLY = 4  # parts that may end early before the stage stops
 CAUTION = 1.5  # by which the room to walls and to the attitude limit grows after each of them
 MOST_CAUTION = 3  # of them, after which it grows no more: no plan would fit
-CARRIES = 2  # times that a part waits for a vehicle that is brought to the middle
 GRAVE = ("leak", "battery critical", "battery low", "operator", "not a number", "interrupted", "link lost")
 SO_FAR = "so_far.yaml"
-PLACE = "Bring it there; the origin of positions belongs in the middle of the tank, north along its length."
 
 
 def run(work: Work) -> Outcome:
@@ -150,20 +148,14 @@ class _Excitation:
         )
 
     def _fly(self, plan: Plan, number: int) -> Check | None:
-        """Fly it, also where somebody has to bring the vehicle to the middle first."""
         scenario = in_tank(self.work, plan)
         asked = _question(plan, number)
-        stop = self._flown_from_here(scenario, asked, number)
-        for _ in range(CARRIES):
-            if stop is None or stop.what != "place":
-                break
-            if not self.work.person.confirm(f"Part {number} waits: {stop.text} {PLACE} Is it there now?"):
-                break
-            stop = self._flown_from_here(scenario, asked, number)
-        return stop
+        return from_the_middle(
+            self.work, f"part-{number}", lambda name: self._flown_from_here(scenario, asked, number, name)
+        )
 
-    def _flown_from_here(self, scenario: Scenario, asked: str, number: int) -> Check | None:
-        work, folder, seconds = self.work, self.work.folder / f"part-{number}", scenario.duration
+    def _flown_from_here(self, scenario: Scenario, asked: str, number: int, name: str) -> Check | None:
+        work, folder, seconds = self.work, self.work.folder / name, scenario.duration
         refused: list[Check] = []
 
         def arm(readiness: Readiness) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.campaign.tuning.plants import plants_of
-from rovtwin.commission.evidence.room import LASTING, outside
+from rovtwin.commission.evidence.room import LASTING, PLACE, from_the_middle, outside
 from rovtwin.commission.proving.bands import DRAWS, Held, Track, Verdict, held, track_of
 from rovtwin.commission.proving.efforts import Foreseen, agrees, effort
 from rovtwin.commission.proving.flights import drawn
@@ -54,7 +54,8 @@ def run(work: Work) -> Outcome:
     checks += notes
     if flight is None:
         return Outcome(tuple(checks), figures, tuple(files))
-    log = f"{FLIGHT}/log.mcap"
+    assert flight.folder is not None  # what was flown over a link has one
+    log = str((flight.folder / "log.mcap").relative_to(work.folder))
     judged, more = _judged(work, made, flight)
     seconds = float(flight.log.end - flight.log.start)
     return Outcome((*checks, *judged), figures | more | {"log": log}, (*files, log), seconds)
@@ -123,12 +124,24 @@ def _clear(room: float) -> Check:
 
 
 def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | None, list[Check]]:
-    """The flight over the link once the person says yes; None without."""
+    """The flight over the link once the vehicle is in the middle and the person says yes; None without."""
+    flight, notes = None, list[Check]()
+
+    def fly(name: str) -> Check | None:
+        nonlocal flight, notes
+        flight, notes = _flown_from_here(work, scenario, lasting, name)
+        return next((note for note in notes if note.verdict == "stop"), None)
+
+    from_the_middle(work, FLIGHT, fly)
+    return flight, notes
+
+
+def _flown_from_here(work: Work, scenario: Scenario, lasting: float, name: str) -> tuple[Flight | None, list[Check]]:
     notes: list[Check] = []
 
     def arm(readiness: Any) -> bool:
         if place := outside(fenced, readiness.start.position):
-            notes.append(Check("stop", "place", place, "Put it into the middle, and check the origin of positions."))
+            notes.append(Check("stop", "place", place, PLACE))
             return False
         if readiness.missing:
             text = f"no readings of {', '.join(readiness.missing)}: predicted with them, flown without."
@@ -143,7 +156,7 @@ def _flown(work: Work, scenario: Scenario, lasting: float) -> tuple[Flight | Non
             there.link,
             there.sources,
             there.clock,
-            work.folder / FLIGHT,
+            work.folder / name,
             arm=arm,
             progress=lambda t, phase: work.person.progress(f"flying: {phase}", min(t / lasting, 1.0)),
             say=work.person.progress,

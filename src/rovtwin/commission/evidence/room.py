@@ -1,10 +1,12 @@
 """A planned part in the test tank: the fence that ends it, the way to the middle that it begins with."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from rovtwin.commission.stage import Check
 from rovtwin.commission.work import Work
 from rovtwin.core.errors import ConfigError
 from rovtwin.live.connect import on_this_machine
@@ -17,6 +19,8 @@ from rovtwin.scenario.schema import Scenario
 
 LASTING = 0.3  # outside the fence, before thrusters stop [s]: one position that is off ends nothing
 LEAST_HOME = 5.0  # for the way to the middle [s]
+CARRIES = 2  # times that a flight waits for a vehicle that is brought to the middle
+PLACE = "Bring it there; the origin of positions belongs in the middle of the tank, north along its length."
 
 
 def in_tank(work: Work, plan: Plan) -> Scenario:
@@ -56,6 +60,24 @@ def in_tank(work: Work, plan: Plan) -> Scenario:
     scenario = work.scenario(changes, str(plan.scenario.vehicle))
     seconds = sum(len(piece.share) for piece in pieces_of(scenario)) * scenario.control_dt
     return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})
+
+
+def from_the_middle(work: Work, name: str, fly: Callable[[str], Check | None]) -> Check | None:
+    """Fly; where the vehicle is not in the middle, again once somebody has brought it there.
+
+    Args:
+        work: With the person who may.
+        name: Of the folder of the flight: a further one gets a name of its own.
+        fly: Into a folder of that name: a reason why it was not flown, named `place` where the vehicle is elsewhere.
+    """
+    stop = fly(name)
+    for again in range(CARRIES):
+        if stop is None or stop.what != "place":
+            break
+        if not work.person.confirm(f"The flight waits: {stop.text} {stop.fix} Is it there now?"):
+            break
+        stop = fly(f"{name}-{again + 2}")
+    return stop
 
 
 def outside(scenario: Scenario, position: Any) -> str:
