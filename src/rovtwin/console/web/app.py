@@ -15,6 +15,7 @@ from rovtwin.console.replays.replay import Recording
 from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
+from rovtwin.console.web.chart.plan_files import add_plan_files
 from rovtwin.console.web.commissioning.attending import Commissioning
 from rovtwin.console.web.commissioning.routes import add_commissioning
 from rovtwin.console.web.gate import Gate, Guard
@@ -69,6 +70,7 @@ def build(
     looks = vehicle_glb(vehicle)
     open_to(gate)
     add_replay(Shelf(runs), stop=hub.client.stop)
+    add_plan_files(hub, scenario)
     add_commissioning(Commissioning(hub, place, runs), runs, _asked_for(scenario, link, sensors))
 
     @app.websocket("/live")
@@ -95,11 +97,6 @@ def build(
     @app.get("/mesh/vehicle.glb")
     def mesh() -> Response:
         return Response(looks, media_type="model/gltf-binary") if looks else Response("it has no looks", 404)
-
-    @app.get("/plan.yaml")
-    def plan() -> Response:
-        headers = {"Content-Disposition": 'attachment; filename="mission.yaml"'}
-        return Response(hub.draft.as_yaml(), media_type="application/yaml", headers=headers)
 
     @ui.page("/", title="rovtwin")
     def index() -> None:

@@ -73,6 +73,7 @@ class Hub:
     Attributes:
         client: To the engine.
         rights: Who is in control.
+        datum: Of the plan's metres, or None where nobody has given it.
         vehicle: That is flown: its name, file or description.
         line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
@@ -85,6 +86,7 @@ class Hub:
     def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
         model = vehicle_of(scenario).model()
+        self.datum = scenario.origin if scenario.datum.is_given else None
         self.vehicle, own, self.line_speed = scenario.vehicle, own_values(Limits.of(model)), line_speed(model)
         self.rights, self.draft = Rights(), Draft(own=own)
         self.submitted_area: SurveyArea | None = None
@@ -236,7 +238,7 @@ class Hub:
         elif do == "pilot":
             self.client.tell("pilot", **what)
         elif do == "plan":
-            await self.drafting.do(what)
+            return await self.drafting.do(what)
         elif do in PLAIN:
             await self.client.ask(do)
         elif do in FULL:

@@ -4,6 +4,7 @@ import {make, mount, surface} from '/static/canvas.js';
 import {drawChart} from '/static/chart_draw.js';
 import {Hands} from '/static/chart_edit.js';
 import {AreaForm, Menu, Notice, Tools, legend} from '/static/chart_panels.js';
+import {copied, mapText, onPlaces} from '/static/places.js';
 import {View, area, beside, boxOf, nearestLeg} from '/static/geometry.js';
 import {Swath} from '/static/swath.js';
 import {SwathPanel} from '/static/swath_panel.js';
@@ -51,6 +52,7 @@ class Chart {
       drawChart(context, this);
     });
     new Hands(this.canvas, this);
+    this.unwatch = onPlaces(() => this.changed({}));
     this.changed({});
   }
 
@@ -188,6 +190,8 @@ class Chart {
     const depth = draft[i]?.depth ?? model.state?.setpoint?.[2] ?? model.state?.eta?.[2] ?? 0;
     const place = {x: Math.round(here.x * 100) / 100, y: Math.round(here.y * 100) / 100};
     const items = [[`Go to here, ${metres(depth)} m deep`, () => this.ask({do: 'goto', ...place, depth})]];
+    const words = mapText({...place, depth});
+    const copy = () => copied(words).catch(error => this.notice.complain(error.message));
     if (i !== null) {
       const side = which => beside(draft, i, which, 60 / this.view.scale);
       items.push(['Insert before', () => this.insert(i, side(-1))]);
@@ -198,11 +202,13 @@ class Chart {
       const leg = nearestLeg(draft, here);
       if (leg !== null) items.push([`Insert between ${leg + 1} and ${leg + 2}`, () => this.insert(leg + 1, here)]);
     }
+    if (words) items.push([`Copy ${words}`, copy, true]);
     this.changed({selected: i});
     this.menus.show(pixel, this.view, items, this.may());
   }
 
   release() {
+    this.unwatch();
     this.surface.release();
     this.notice.release();
   }

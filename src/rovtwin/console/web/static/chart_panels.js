@@ -2,8 +2,10 @@
 import {make} from '/static/canvas.js';
 import {faultsOf} from '/static/faults.js';
 import {area, roundLength} from '/static/geometry.js';
+import {WAYS, mapText, onMap, placesAs, turnPlaces} from '/static/places.js';
 
 const MAKE = 'Make plan';
+const SIGNS = {m: 'm', deg: '°', min: '° ′'}; // of how places are written
 const LINES = 4; // over an area at least, where nobody says how far apart
 
 const button = (text, label, onclick, more = {}) =>
@@ -20,6 +22,7 @@ export class Tools {
       mode('Area', 'Draw an area for a lawn-mower plan', 'area'),
     ]);
     this.remove = button('Delete', 'Delete the chosen way-point', () => chart.remove());
+    this.places = button('m', '', turnPlaces);
     this.follow = button('Follow', 'Follow the vehicle', () => chart.changed({follow: !chart.follow, touched: true}));
     this.elements = [
       make(
@@ -35,6 +38,7 @@ export class Tools {
         button('\u2212', 'Zoom out', () => chart.zoomed(1 / 1.5)),
         button('Fit', 'Show the whole plan', () => chart.fit()),
         this.follow,
+        this.places,
       ),
     ];
   }
@@ -55,6 +59,9 @@ export class Tools {
     this.elements[0].classList.toggle('is-watching', !chart.may());
     this.remove.disabled = !chart.may() || chart.selected === null;
     this.follow.setAttribute('aria-pressed', String(chart.follow));
+    const [name, words] = WAYS.find(([way]) => way === placesAs());
+    Object.assign(this.places, {hidden: !onMap(), textContent: SIGNS[name], title: `Places are written in ${words}: press for another way`});
+    this.places.setAttribute('aria-label', this.places.title);
   }
 }
 
@@ -92,10 +99,10 @@ export class Menu {
     });
   }
 
-  /** Shows items [[text, act], ...] at a pixel; greyed, with the reason, where nothing may be edited. */
+  /** Shows items [[text, act, free], ...] at a pixel; greyed, with the reason, where nothing may be edited but the free. */
   show({u, v}, view, items, may) {
-    const entries = items.map(([text, act]) =>
-      make('button', {type: 'button', role: 'menuitem', disabled: !may, onclick: () => (this.hide(), act())}, text));
+    const entries = items.map(([text, act, free]) =>
+      make('button', {type: 'button', role: 'menuitem', disabled: !may && !free, onclick: () => (this.hide(), act())}, text));
     if (!may) entries.unshift(make('p', {}, 'You are watching: take control to do this.'));
     this.element.replaceChildren(...entries);
     this.element.hidden = false;
@@ -245,7 +252,10 @@ export class Notice {
     const {chart} = this;
     const i = chart.pending?.i ?? chart.selected;
     const point = i === null ? null : chart.draft()[i];
-    const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
+    const at = place => {
+      const words = mapText(place);
+      return `N ${place.x.toFixed(1)}, E ${place.y.toFixed(1)} m${words && ` · ${words}`}`;
+    };
     if (chart.drawing()) return this.#areaText(chart.area);
     const speed = point?.speed ? `, ${Number(point.speed.toFixed(2))} m/s` : '';
     const fault = faultsOf(chart.model.plan?.checks).get(i);
