@@ -142,7 +142,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"ros2"},
     ],
     "console/engine": [
-        {"lending", "manoeuvres", "steering", "world"},
+        {"fence", "lending", "manoeuvres", "steering", "world"},
         {"experiment_helm", "helm", "reporting"},
         {"flights", "vehicle_session"},
         {"switch", "ticker"},

@@ -39,7 +39,7 @@ def test_way_points_of_our_own_may_be_on_the_map():
         imported(text, "mine.yaml", None)
 
 
-def test_without_a_datum_it_is_said_what_to_set():
+def test_without_a_datum_the_fix_is_named():
     for act in (
         lambda: imported(GPX.format(marks=""), "theirs.gpx", None),
         lambda: exported([ROW], "gpx", load_scenario("square")),

@@ -11,10 +11,12 @@ from fastapi import Response, WebSocket
 from fastapi.responses import RedirectResponse, StreamingResponse
 from nicegui import app, ui
 
+from rovtwin.console.chart.maps import MapFile
 from rovtwin.console.replays.replay import Recording
 from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
+from rovtwin.console.web.chart.layers import add_layers
 from rovtwin.console.web.chart.plan_files import add_plan_files
 from rovtwin.console.web.commissioning.attending import Commissioning
 from rovtwin.console.web.commissioning.routes import add_commissioning
@@ -47,6 +49,7 @@ def build(
     views: Sequence[str] = (),
     link: str = "twin://",
     sensors: Sequence[str] = (),
+    maps: Sequence[MapFile] = (),
 ) -> Hub:
     """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle.
 
@@ -60,6 +63,7 @@ def build(
         views: Addresses or entry points of views of one's own.
         link: URL of the vehicle.
         sensors: URLs of instruments beside it.
+        maps: Under the chart.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     own, swath = OwnViews(hub, views), SwathLayer(hub, scenario)
@@ -69,7 +73,8 @@ def build(
         stream = Stream(None, str(error), hub.send, hub.keep)
     looks = vehicle_glb(vehicle)
     open_to(gate)
-    add_replay(Shelf(runs), stop=hub.client.stop)
+    add_replay(shelf := Shelf(runs), stop=hub.client.stop)
+    add_layers(hub, scenario, shelf, maps)
     add_plan_files(hub, scenario)
     add_commissioning(Commissioning(hub, place, runs), runs, _asked_for(scenario, link, sensors))
 

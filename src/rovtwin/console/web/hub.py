@@ -34,7 +34,7 @@ PULSE = 0.5  # how often browsers hear whether the engine lives [s]
 LIVING = 0.8  # a page says something more often than this, and looks for a lost server later than this [s]
 LATE = 4.0  # an order given on news older than this is not handed on: it waited in a network that was down [s]
 PLAIN = ("arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect")  # as they come, to the engine
-FULL = ("goto", "pace", "inject")
+FULL = ("goto", "pace", "inject", "fence")
 ANY_AGE = ("disarm", "abort")  # right however long they waited, as STOP is
 AT_ONCE = 16  # orders of one page that are not answered yet; further ones are refused
 PATIENCE = 20.0  # with a file that is read, or a survey that is laid out [s]; pages wait for 30
@@ -243,6 +243,8 @@ class Hub:
             await self.client.ask(do)
         elif do in FULL:
             await self.client.ask(do, **what)
+            if do == "fence":
+                await self.drafting.look()
         elif do in self.others:
             return await self.others[do](what)
         else:

@@ -98,7 +98,8 @@ def _fence(scenario: Scenario) -> dict[str, Any] | None:
         return None
     every = np.concatenate(outlines)
     (north, east), (far_north, far_east) = every.min(axis=0), every.max(axis=0)
-    return {"outlines": outlines, "north": [north, far_north], "east": [east, far_east]}
+    reach = {"north": [north, far_north], "east": [east, far_east]}
+    return {"outlines": outlines, "polygon": fence.polygon} | reach
 
 
 def _waves(scenario: Scenario) -> dict[str, Any] | None:

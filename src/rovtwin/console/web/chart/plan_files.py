@@ -7,6 +7,7 @@ from fastapi.responses import JSONResponse
 from nicegui import app
 
 from rovtwin.console.chart.files import exported
+from rovtwin.console.engine.fence import with_fence
 from rovtwin.console.web.hub import Hub
 from rovtwin.core.errors import RovtwinError
 from rovtwin.planning.exchange.missions import FORMATS
@@ -26,7 +27,9 @@ def add_plan_files(hub: Hub, scenario: Scenario) -> None:
         if kind not in FORMATS:
             return JSONResponse({"error": f"expected one of {', '.join(FORMATS)}"}, 404)
         try:
-            text, notes = await hub.worker.call(exported, hub.draft.rows, kind, scenario)
+            fence = hub.client.last.get("setup", {}).get("fence")  # which may be drawn on the chart
+            flown = scenario if fence is None else with_fence(scenario, fence["polygon"])
+            text, notes = await hub.worker.call(exported, hub.draft.rows, kind, flown)
         except RovtwinError as error:
             return JSONResponse({"error": str(error)}, 409)
         return {"file": f"mission{FORMATS[kind].ending}", "text": text, "notes": notes}
