@@ -337,14 +337,12 @@ def test_distances_bearings_and_areas_are_measured_by_who_only_watches(chart):
     page.mouse.move(*at(5, 2))
     words = notice.inner_text()
     # Three, four and five metres; a pixel is 3 cm of this chart.
-    leg, bearing, whole, size = re.search(
-        r"([\d.]+) m, (\d{3})° · ([\d.]+) m in all · encloses ([\d.]+) m²", words
-    ).groups()
+    leg, bearing, whole, size = re.search(r"([\d.]+) m, (\d{3})° · all ([\d.]+) m · area ([\d.]+) m²", words).groups()
     assert float(leg) == pytest.approx(4, abs=0.1) and float(whole) == pytest.approx(9, abs=0.15)
     assert abs(int(bearing) - 270) <= 1 and float(size) == pytest.approx(6, abs=0.2)
     assert page.evaluate(COLOUR, [*at(3.5, 4), "--text"])
     press(page, "Leave this mode")
-    assert "m in all" not in notice.inner_text() and sent(page) == []
+    assert "area" not in notice.inner_text() and sent(page) == []
 
 
 def test_a_fence_is_drawn_and_taken_away(chart):

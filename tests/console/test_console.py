@@ -29,7 +29,14 @@ SILENT = 6.0  # [s]
 @pytest.fixture(scope="module")
 def served(tmp_path_factory, browser):
     fence = f"autopilot.supervisor.geofence={FENCE}"
-    rules = ["--set", fence, "--set", f"autopilot.supervisor.operator_silent={SILENT}"]
+    rules = [
+        "--set",
+        "datum={latitude: 63.44, longitude: 10.42}",
+        "--set",
+        fence,
+        "--set",
+        f"autopilot.supervisor.operator_silent={SILENT}",
+    ]
     own = ["lawnmower_calm", "--speed", "20", "--set", "autopilot=model_based", *rules]
     with serving(tmp_path_factory.mktemp("console"), *own) as one:
         yield one

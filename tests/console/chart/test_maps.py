@@ -30,7 +30,7 @@ def picture(system: str, pixel: float, at=MARK, side: int = 700) -> tuple[np.nda
     (x, y), (u, v) = project(DATUM, system, np.array([[0.0, 0.0, 0.0], [*at, 0.0]]))
     step = from_origin(x - side / 2 * pixel, y + side / 2 * pixel, pixel, pixel)
     colours = np.full((3, side, side), GREY, np.uint8)
-    column, row = ~step * (u, v)
+    column, row = ~step @ (u, v)
     colours[:, int(row) - 2 : int(row) + 3, int(column) - 2 : int(column) + 3] = np.array(RED)[:, None, None]
     return colours, step
 

@@ -162,7 +162,7 @@ def _shades(file: Any) -> tuple[float, float] | None:
     """Values of numbers, as depths, that become black and white; None of colours."""
     if _is_coloured(file):
         return None
-    shape = [min(SAMPLE, side) for side in file.shape]
+    shape = tuple(min(SAMPLE, side) for side in file.shape)
     values = file.read(1, out_shape=shape, masked=True)
     numbers = np.asarray(values.compressed(), dtype=float)
     numbers = numbers[np.isfinite(numbers)]

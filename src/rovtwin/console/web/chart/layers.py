@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fastapi import Response
-from fastapi.responses import JSONResponse
 from nicegui import app
 
 from rovtwin.console.chart.maps import LEVELS, MapFile, tile
@@ -15,13 +14,13 @@ from rovtwin.console.chart.tracks import track_of
 from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.worker import Worker
-from rovtwin.core.errors import RovtwinError
+from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.scenario.schema import Scenario
 
 READING = 60.0  # longest wait for a log, or a tile [s]
 MOST_BYTES = 32_000_000  # of tiles that are kept
 MOST_TILES = 10_000
-BUSY, NOTHING = 503, 204
+BUSY, NOTHING = 202, 204  # not among the errors that a browser lists
 
 
 @dataclass
@@ -60,7 +59,10 @@ def add_layers(hub: Hub, scenario: Scenario, shelf: Shelf, maps: Sequence[MapFil
         if (kept := tiles.get(key)) is None:
             try:
                 kept = await painter.call(tile, maps[number], scenario.origin, level, row, column) or b""
-            except RovtwinError as error:  # many pages ask at once, or the file is gone: a page asks again
+            except ConfigError as error:
+                hub.say("warning", str(error))
+                kept = b""
+            except RovtwinError as error:  # many pages ask at once: a page asks again
                 return Response(str(error), BUSY)
             tiles.put(key, kept)
         return Response(kept, media_type="image/png") if kept else Response(status_code=NOTHING)
@@ -71,4 +73,4 @@ def add_layers(hub: Hub, scenario: Scenario, shelf: Shelf, maps: Sequence[MapFil
             folder = await asyncio.to_thread(shelf.find, run)
             return await reader.call(track_of, folder, scenario.origin, scenario.datum.is_given)
         except RovtwinError as error:
-            return JSONResponse({"error": str(error)}, 409)
+            return {"error": str(error)}

@@ -30,6 +30,6 @@ def add_plan_files(hub: Hub, scenario: Scenario) -> None:
             fence = hub.client.last.get("setup", {}).get("fence")  # which may be drawn on the chart
             flown = scenario if fence is None else with_fence(scenario, fence["polygon"])
             text, notes = await hub.worker.call(exported, hub.draft.rows, kind, flown)
-        except RovtwinError as error:
-            return JSONResponse({"error": str(error)}, 409)
+        except RovtwinError as error:  # the page shows why, and no error in the browser
+            return {"error": str(error)}
         return {"file": f"mission{FORMATS[kind].ending}", "text": text, "notes": notes}

@@ -42,10 +42,12 @@ export class Dives {
           else context.moveTo(u, v);
         });
       }
-      context.strokeStyle = colour('muted');
-      context.lineWidth = 1.2;
-      context.setLineDash(DASHES[i % DASHES.length]);
-      context.stroke();
+      for (const [style, width, dash] of [[colour('bg'), 3.5, []], [colour('muted'), 1.5, DASHES[i % DASHES.length]]]) {
+        context.strokeStyle = style; // an edge below, for any map
+        context.lineWidth = width;
+        context.setLineDash(dash);
+        context.stroke();
+      }
       context.setLineDash([]);
       const [x, y] = lines.at(-1)?.at(-1) ?? [];
       if (x === undefined) return;

@@ -4,7 +4,7 @@ const AT_ONCE = 4; // tiles that are on their way
 const KEPT = 400; // tiles
 const FROM = 5; // levels up, at most, from which a tile that is on its way is stood in for
 const AGAIN = 700; // until a tile is asked for that the server had no time for [ms]
-const BUSY = 503;
+const BUSY = 202;
 
 export class Maps {
   list = [];

@@ -33,7 +33,7 @@ export class Ruler {
     const newest = `${lengthText(legs.at(-1))}, ${bearingText(all.at(-2), all.at(-1))}`;
     if (legs.length === 1) return newest;
     const size = area(all);
-    return `${newest} · ${lengthText(legs.reduce((sum, leg) => sum + leg, 0))} in all · encloses ${size.toFixed(size < 10 ? 2 : 1)} m²`;
+    return `${newest} · all ${lengthText(legs.reduce((sum, leg) => sum + leg, 0))} · area ${size.toFixed(size < 10 ? 2 : 1)} m²`;
   }
 }
 

@@ -170,11 +170,14 @@ function markRows(body, checks) {
 mount('plan', section => {
   const body = make('tbody');
   const head = make('tr');
-  const titled = () => head.replaceChildren(make('th', {scope: 'col'}, '#'),
-    ...columns().map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col'}, make('span', {class: 'unseen'}, 'Actions')));
-  titled();
   const table = make('div', {class: 'table', tabindex: 0, role: 'region', 'aria-label': 'Way-points'},
     make('table', {}, make('thead', {}, head), body));
+  const titled = () => {
+    table.classList.toggle('is-on-map', placesAs() !== 'm');
+    head.replaceChildren(make('th', {scope: 'col'}, '#'),
+      ...columns().map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col'}, make('span', {class: 'unseen'}, 'Actions')));
+  };
+  titled();
   const lines = new Rows(body);
   const undo = button('Undo', 'Undo the last change', () => plan({op: 'undo'}));
   const redo = button('Redo', 'Redo what was undone', () => plan({op: 'redo'}));
