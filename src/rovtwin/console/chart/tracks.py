@@ -51,7 +51,7 @@ def thinned(at: Float[np.ndarray, "n 2"]) -> np.ndarray:
     """Numbers of the points to keep: the first, the last, and one for each step of the way."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
     step = max(STEP, along[-1] / MOST)
-    return np.unique([*np.flatnonzero(np.diff(np.floor(along / step), prepend=-1.0)), len(at) - 1])
+    return np.unique(np.append(np.flatnonzero(np.diff(np.floor(along / step), prepend=-1.0)), len(at) - 1))
 
 
 def _beside(
