@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.console.replays.replay import LOG
 from rovtwin.core.datum import FARTHEST, Datum, datum_of
 from rovtwin.core.errors import LogError
 from rovtwin.core.log import Log
+from rovtwin.core.log.info import log_of
 from rovtwin.core.log.maps import places, tracks_in
 
 MOST = 1500  # points of a dive
@@ -29,7 +29,7 @@ def track_of(folder: Path, datum: Datum, is_given: bool) -> dict[str, Any]:
     Raises:
         LogError: It has no track, or lies about another datum than the chart.
     """
-    log = Log.read(folder / LOG)
+    log = Log.read(log_of(folder))
     name = next((one for one in PREFERRED if one in tracks_in(log)), None)
     if name is None or not len(log[name]):
         raise LogError(f"{folder.name}: has neither {' nor '.join(PREFERRED)}: there is no track to show")
