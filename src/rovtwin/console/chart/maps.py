@@ -6,7 +6,6 @@ needs from the overview that is fine enough, so that memory does not depend on t
 Reference: PROJ, Orthographic projection, ellipsoidal form.
 """
 
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from io import BytesIO
@@ -26,7 +25,7 @@ SIDE = 256  # of a tile [px]
 LEVELS = (-7, 12)  # of tiles: 2^-level metres per pixel
 MOST_PIXELS = 4e8  # of a file without overviews, which would be read whole for a picture of it
 CLOSE = 1.01  # by how much coarser than a tile an overview may be: a map's metres are not quite those on the ground
-MEMORY = 64  # of a warp [MB]
+MEMORY = 64  # of a warp, and of what GDAL keeps of files [MB]
 SAMPLE = 512  # side of the picture by which shades are chosen [px]
 VECTORS = (".000", ".shp", ".geojson", ".kml", ".gpx")
 
@@ -186,19 +185,12 @@ def _warped(file: MapFile, datum: Datum, metres: float, north: float, west: floa
     source, _ = _opened(file.path, _overview(file, metres))
     palette = source.colorinterp[0].name == "palette"
     opaque = source.nodata is None and "alpha" not in [one.name for one in source.colorinterp]
-    with ExitStack() as stack:
-        warped = stack.enter_context(
-            WarpedVRT(
-                source,
-                crs=plane_of(datum),
-                transform=from_origin(west, north, metres, metres),
-                width=SIDE,
-                height=SIDE,
-                resampling=Resampling.nearest if palette else Resampling.bilinear,
-                add_alpha=opaque,
-                warp_mem_limit=MEMORY,
-            )
-        )
+    how = {"crs": plane_of(datum), "transform": from_origin(west, north, metres, metres), "width": SIDE, "height": SIDE}
+    how |= {"resampling": Resampling.nearest if palette else Resampling.bilinear, "add_alpha": opaque}
+    with (
+        rasterio("a map").Env(GDAL_CACHEMAX=MEMORY),
+        WarpedVRT(source, **how, warp_mem_limit=MEMORY) as warped,
+    ):
         opacity = warped.dataset_mask()
         bands = warped.read(list(range(1, 4 if source.count >= 3 else 2)))
     if palette:
