@@ -31,7 +31,7 @@ export class LayersPanel {
       layers.changed();
     });
     this.strength = make('label', {}, 'strength', strength);
-    this.element = make('details', {class: 'chart-swath chart-layers'}, make('summary', {'aria-label': 'Maps and earlier dives'}, 'Layers'),
+    this.element = make('details', {class: 'chart-layers'}, make('summary', {'aria-label': 'Maps and earlier dives'}, 'Layers'),
       this.maps, this.strength, make('p', {class: 'chart-small'}, 'Earlier dives'), this.runs, this.say);
     this.element.addEventListener('toggle', () => this.element.open && this.#look());
   }
