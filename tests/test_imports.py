@@ -142,7 +142,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"ros2"},
     ],
     "console/engine": [
-        {"lending", "manoeuvres", "steering", "world"},
+        {"fence", "lending", "manoeuvres", "steering", "world"},
         {"experiment_helm", "helm", "reporting"},
         {"flights", "vehicle_session"},
         {"switch", "ticker"},
@@ -153,12 +153,12 @@ LAYERS: dict[str, list[set[str]]] = {
         {"assessing", "browser", "camera_stream", "gate", "mesh", "own_views", "panels", "sea_check", "swath_layer"},
         {"drafting", "page", "sockets"},
         {"hub"},
-        {"commissioning", "replays"},
+        {"chart", "commissioning", "replays"},
         {"app"},
     ],
     "console": [
         {"assess", "clock", "control", "locks", "orders", "pictures", "surveys", "view", "wire", "worker"},
-        {"camera", "client", "commissioning", "engine", "launch", "planning", "swath", "video"},
+        {"camera", "chart", "client", "commissioning", "engine", "launch", "planning", "swath", "video"},
         {"replays"},
         {"web"},
     ],

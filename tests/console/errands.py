@@ -19,10 +19,10 @@ def give_own():
     return Text("own")
 
 
-def read_slowly(text):
+def read_slowly(text, name, datum):
     """Way-points of a file: one, at the number of the process that read it."""
     time.sleep(0.3)
-    return [{"x": float(os.getpid()), "y": 2.0}]
+    return [{"x": float(os.getpid()), "y": 2.0}], []
 
 
 def fail(error):

@@ -1,5 +1,7 @@
 """The chart under a hand: what clicks, drags, keys and fingers send to the server."""
 
+import re
+
 import pytest
 from tests.console import messages
 
@@ -324,3 +326,35 @@ def test_a_plan_that_is_being_made_says_so(chart):
     assert page.get_by_role("dialog").get_attribute("aria-busy") == "true"
     page.evaluate("window.late = 0")
     page.get_by_role("dialog").wait_for(state="hidden")
+
+
+def test_distances_bearings_and_areas_are_measured_by_who_only_watches(chart):
+    page = chart(may=False)
+    press(page, "Measure distances, bearings and areas")
+    notice = page.locator(".chart-notice")
+    for x, y in ((2, 2), (5, 6)):
+        page.mouse.click(*at(x, y))
+    page.mouse.move(*at(5, 2))
+    words = notice.inner_text()
+    # Three, four and five metres; a pixel is 3 cm of this chart.
+    leg, bearing, whole, size = re.search(r"([\d.]+) m, (\d{3})° · all ([\d.]+) m · area ([\d.]+) m²", words).groups()
+    assert float(leg) == pytest.approx(4, abs=0.1) and float(whole) == pytest.approx(9, abs=0.15)
+    assert abs(int(bearing) - 270) <= 1 and float(size) == pytest.approx(6, abs=0.2)
+    assert page.evaluate(COLOUR, [*at(3.5, 4), "--text"])
+    press(page, "Leave this mode")
+    assert "area" not in notice.inner_text() and sent(page) == []
+
+
+def test_a_fence_is_drawn_and_taken_away(chart):
+    page = chart()
+    press(page, "Draw the fence in which the vehicle has to stay")
+    corners = [[1, 1], [8, 2], [4, 9]]
+    for x, y in (*corners, corners[0]):
+        page.mouse.click(*at(x, y))
+    (drawn_fence,) = sent(page)
+    assert drawn_fence["do"] == "fence" and sum(drawn_fence["corners"], []) == pytest.approx(sum(corners, []), abs=0.03)
+    fence = {"outlines": [corners], "polygon": corners, "north": [1, 8], "east": [1, 9]}
+    emit(page, messages.setup(fence=fence, fence_drawn=True))
+    page.mouse.click(*at(3, 3), button="right")
+    page.get_by_role("menuitem", name="Take the drawn fence away").click()
+    assert sent(page)[-1] == {"do": "fence", "corners": None}

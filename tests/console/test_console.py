@@ -29,7 +29,14 @@ SILENT = 6.0  # [s]
 @pytest.fixture(scope="module")
 def served(tmp_path_factory, browser):
     fence = f"autopilot.supervisor.geofence={FENCE}"
-    rules = ["--set", fence, "--set", f"autopilot.supervisor.operator_silent={SILENT}"]
+    rules = [
+        "--set",
+        "datum={latitude: 63.44, longitude: 10.42}",
+        "--set",
+        fence,
+        "--set",
+        f"autopilot.supervisor.operator_silent={SILENT}",
+    ]
     own = ["lawnmower_calm", "--speed", "20", "--set", "autopilot=model_based", *rules]
     with serving(tmp_path_factory.mktemp("console"), *own) as one:
         yield one
@@ -310,6 +317,25 @@ def test_export_and_import_give_the_same_plan(page, tmp_path):
     page.set_input_files("#mission-file", str(file))
     page.wait_for_function("() => rovtwin.last.plan.draft.length === 5")
     assert page.evaluate("rovtwin.last.plan.draft") == before
+
+
+def test_a_plan_goes_to_other_programs_and_comes_back(page, tmp_path):
+    assert order(page, "plan", op="template", name="square", x=0, y=0, side=4, depth=2) == ""
+    before = page.evaluate("rovtwin.last.plan.draft.map(p => [p.x, p.y, p.depth])")
+    for kind in ("gpx", "kml", "geojson", "plan"):
+        page.select_option("#export-as", kind)
+        with page.expect_download() as coming:
+            page.click("#export")
+        file = tmp_path / coming.value.suggested_filename
+        assert file.suffix == f".{kind}"
+        coming.value.save_as(file)
+        page.click("#clear")
+        page.wait_for_function("() => rovtwin.last.plan.draft.length === 0")
+        page.set_input_files("#mission-file", str(file))
+        page.wait_for_function("() => rovtwin.last.plan.draft.length === 5")
+        found = page.evaluate("rovtwin.last.plan.draft.map(p => [p.x, p.y, p.depth])")
+        assert sum(found, []) == pytest.approx(sum(before, []), abs=1e-3)
+    page.select_option("#export-as", "yaml")
 
 
 def test_a_vanished_vehicle_is_reported_and_found_again(page, served):

@@ -173,3 +173,26 @@ def test_a_long_plan_has_its_fields_where_it_is_looked_at(table):
     cell(page, "Depth [m]", 505).press("Tab")
     assert page.evaluate("window.sent.at(-1)") == {"do": "plan", "op": "edit", "i": 504, "depth": 2}
     assert page.locator("#plan .cell-input").count() < 6 * 100
+
+
+def test_way_points_can_be_typed_on_the_map(table):
+    page = table((0, 0))
+    page.evaluate("message => window.emit(message)", messages.setup(datum={"latitude": 63.44, "longitude": 10.42}))
+    page.select_option("#places-as", "min")
+    try:
+        assert cell(page, "Latitude").input_value() == "63° 26.40000′ N"
+        cell(page, "Latitude").fill("63 26.5 N")
+        cell(page, "Latitude").press("Enter")
+        cell(page, "Longitude").fill("twelve")
+        cell(page, "Longitude").press("Enter")
+        page.wait_for_selector(".toast.danger")
+        assert cell(page, "Longitude").input_value() == "10° 25.20000′ E"
+        page.get_by_label("New way-point: Latitude").fill("63.441")
+        page.get_by_label("New way-point: Longitude").fill("10.421")
+        page.get_by_role("button", name="Add this way-point").click()
+        edit, add = page.evaluate("window.sent")
+        assert edit == pytest.approx({"do": "plan", "op": "edit", "i": 0, "latitude": 63 + 26.5 / 60}, abs=1e-9)
+        assert add == {"do": "plan", "op": "add", "latitude": 63.441, "longitude": 10.421}
+    finally:
+        page.select_option("#places-as", "m")
+    assert cell(page, "North [m]").input_value() == "0"

@@ -32,6 +32,7 @@ from rovtwin.cli.identification.identify import identify
 from rovtwin.cli.identification.thesis import thesis
 from rovtwin.cli.identification.watch import watch
 from rovtwin.cli.output import report_error
+from rovtwin.cli.planning.convert import convert
 from rovtwin.cli.planning.plan_survey import plan_survey
 from rovtwin.cli.planning.plan_tests import plan_tests
 from rovtwin.cli.planning.sea import sea
@@ -75,6 +76,7 @@ app.command()(report)
 app.command()(thesis)
 app.command("plan-tests")(plan_tests)
 app.command("plan-survey")(plan_survey)
+app.command()(convert)
 app.command()(compare)
 app.command()(markers)
 app.command()(render)

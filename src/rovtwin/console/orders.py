@@ -10,6 +10,10 @@ from rovtwin.scenario.schema.mission import Waypoint
 Stick = Annotated[Number, Field(ge=-1, le=1)]
 
 
+Corner = Annotated[list[Annotated[Number, Field(ge=-1e6, le=1e6)]], Field(min_length=2, max_length=2)]
+MOST_CORNERS = 64  # of a fence
+
+
 class Plain(Strict):
     """An order that needs nothing said with it."""
 
@@ -69,7 +73,14 @@ class Inject(Strict):
     current: Annotated[list[Annotated[Number, Field(ge=-2, le=2)]], Field(min_length=2, max_length=2)] | None = None
 
 
-Order = Plain | Submit | Goto | Pilot | Pace | Inject
+class Fence(Strict):
+    """A polygon in which the vehicle has to stay, corners [north, east] [m]; without one, the scenario's own again."""
+
+    do: Literal["fence"]
+    corners: Annotated[list[Corner], Field(min_length=3, max_length=MOST_CORNERS)] | None = None
+
+
+Order = Plain | Submit | Goto | Pilot | Pace | Inject | Fence
 _ORDER: TypeAdapter[Order] = TypeAdapter(Annotated[Order, Field(discriminator="do")])
 
 

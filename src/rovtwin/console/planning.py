@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from rovtwin.console.surveys import SurveyArea
+from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import parse
 from rovtwin.core.user_files.yamlfile import dump_yaml, parse_yaml
@@ -156,8 +157,12 @@ def waypoint_of(row: dict[str, Any]) -> dict[str, Any]:
     return {"position": place} | {key: row[key] for key in KEYS if row.get(key) is not None}
 
 
-def rows_of(text: str) -> list[dict[str, Any]]:
+def rows_of(text: str, datum: Datum | None = None) -> list[dict[str, Any]]:
     """The way-points of a mission file, or of a scenario; without the speed and acceptance that it leaves out.
+
+    Args:
+        text: Of the file.
+        datum: Of the plan's metres; None where nobody has given it.
 
     Raises:
         ConfigError: It is none; every mistake is named.
@@ -165,11 +170,19 @@ def rows_of(text: str) -> list[dict[str, Any]]:
     data = parse_yaml(text, "the file")
     if isinstance(data, dict) and isinstance(data.get("mission"), dict):  # a scenario
         data = data["mission"]
-    mission = parse(MissionSection, data, "the file")
-    if any(waypoint.geodetic for waypoint in mission.waypoints):
-        raise ConfigError("the file: found geodetic way-points, expected position: [north, east, down] in metres")
+    return rows_from(parse(MissionSection, data, "the file"), datum)
+
+
+def rows_from(mission: MissionSection, datum: Datum | None) -> list[dict[str, Any]]:
+    """The way-points of a mission as rows, see `rows_of`."""
+    if datum is None and any(waypoint.geodetic for waypoint in mission.waypoints):
+        raise ConfigError(
+            "the file: found geodetic way-points, expected position: [north, east, down] in metres, for the scenario "
+            "gives no datum: --set 'datum={latitude: 63.44, longitude: 10.42}'"
+        )
     left_out = [{"speed", "acceptance"} - waypoint.model_fields_set for waypoint in mission.waypoints]
-    rows = [row_of(waypoint) for waypoint in mission.waypoints]
+    places = [waypoint.placed(datum) if datum else waypoint.position for waypoint in mission.waypoints]
+    rows = [row_of(one.model_copy(update={"position": p})) for one, p in zip(mission.waypoints, places, strict=True)]
     return [{key: row[key] for key in row if key not in out} for row, out in zip(rows, left_out, strict=True)]
 
 

@@ -137,6 +137,19 @@ def check_coordinates(latitude: ArrayLike, longitude: ArrayLike) -> None:
             raise ConfigError(f"{name} {wrong.flat[0]:g}: expected degrees between -{limit:g} and {limit:g}.{hint}")
 
 
+def latitude_longitude(text: str, where: str, expected: str = "latitude,longitude [deg]") -> tuple[float, float]:
+    """The two numbers of a text such as `63.45,10.36` [deg].
+
+    Raises:
+        ConfigError: It is none; the message begins with `where`.
+    """
+    try:
+        latitude, longitude = (float(piece) for piece in text.split(","))
+    except ValueError:
+        raise ConfigError(f"{where}: found {text!r}, expected {expected}") from None
+    return latitude, longitude
+
+
 def utc_text(text: str) -> str:
     """An ISO 8601 time with its zone in one form, `2021-06-01T10:00:00Z` or with as many digits as it takes.
 

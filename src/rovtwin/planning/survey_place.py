@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.core.datum import Datum
+from rovtwin.core.datum import Datum, latitude_longitude
 from rovtwin.core.errors import ConfigError
 from rovtwin.planning.survey_imaging import Imaging
 from rovtwin.planning.survey_request import SurveyRequest
@@ -47,11 +47,8 @@ def datum_from(text: str | None, base: Scenario) -> Datum | None:
         return base.origin
     if text == "auto":
         return None
-    try:
-        latitude, longitude = (float(piece) for piece in text.split(","))
-    except ValueError:
-        raise ConfigError(f"--datum: found {text!r}, expected latitude,longitude [deg] or auto") from None
-    return Datum(latitude, longitude, base.datum.height, base.datum.utc_start)
+    place = latitude_longitude(text, "--datum", "latitude,longitude [deg] or auto")
+    return Datum(*place, base.datum.height, base.datum.utc_start)
 
 
 def clearance_of(model: Model, margin: float) -> float:

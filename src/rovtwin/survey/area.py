@@ -17,6 +17,7 @@ from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, coordinates_t
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files import files as given
 from rovtwin.core.user_files.config import Number, Strict, parse
+from rovtwin.core.user_files.jsontext import parse_json
 from rovtwin.core.user_files.quantity import is_number
 from rovtwin.core.user_files.yamlfile import kind_in_words, read_yaml
 from rovtwin.survey.library import shapely_library
@@ -96,17 +97,20 @@ def read_json(path: Path) -> dict[str, Any]:
     if not given.is_file(path):
         read_yaml(path)  # says what is wrong with the path
     try:
-        data = json.loads(given.read_text(path))
-    except json.JSONDecodeError as error:
-        raise ConfigError(f"{path.name}: line {error.lineno}, column {error.colno}: not JSON ({error.msg})") from None
-    except (UnicodeDecodeError, RecursionError, ValueError):
+        data = parse_json(given.read_text(path), path.name)
+    except UnicodeDecodeError:
         raise ConfigError(f"{path.name}: is not JSON text, expected GeoJSON") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path.name}: found {kind_in_words(data)}, expected GeoJSON: an object with a type")
+    require_on_earth(data, path.name)
+    return data
+
+
+def require_on_earth(data: dict[str, Any], where: str) -> None:
+    """Raise ConfigError where a GeoJSON object names another coordinate system than WGS-84."""
     crs = data.get("crs")
     if crs is not None and not any(known in json.dumps(crs) for known in _ON_EARTH):
-        raise ConfigError(f"{path.name}: crs: found {json.dumps(crs)[:80]}, expected WGS-84: export it as EPSG:4326")
-    return data
+        raise ConfigError(f"{where}: crs: found {json.dumps(crs)[:80]}, expected WGS-84: export it as EPSG:4326")
 
 
 def _found(path: Path) -> list[list[Ring]]:

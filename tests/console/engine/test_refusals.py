@@ -22,6 +22,7 @@ ORDERS = dict.fromkeys(PLAIN, {}) | {
     "pilot": {"begin": True},
     "pace": {"speed": 2.0},
     "inject": {"fault": "current"},
+    "fence": {},
 }
 FLIES = ("start", "pause", "resume", "abort", "hold", "goto", "pilot")
 

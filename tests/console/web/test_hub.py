@@ -142,7 +142,7 @@ def test_only_who_is_in_control_gives_orders_and_anybody_stops(desk):
 
 def test_stop_does_not_wait_behind_a_file_that_is_read(desk, monkeypatch):
     """By a process of its own: a thread that parses would let the server's own go on every now and then only."""
-    monkeypatch.setattr(drafting, "rows_of", errands.read_slowly)
+    monkeypatch.setattr(drafting, "imported", errands.read_slowly)
 
     async def press():
         page = desk.come("b1")
@@ -155,6 +155,35 @@ def test_stop_does_not_wait_behind_a_file_that_is_read(desk, monkeypatch):
         desk.worker.close()
 
     ran(press())
+
+
+def test_places_on_the_map_become_metres_of_the_plan(tmp_path, monkeypatch):
+    monkeypatch.setattr(hub, "Client", FakeClient)
+    scenario = load_scenario("square", ["datum={latitude: 63.44, longitude: 10.42}"])
+    desk = hub.Hub(Place(tmp_path), scenario)
+    page, at = desk.come("b1"), {"latitude": 63.4401, "longitude": 10.4204}
+    assert obey(desk, page, {"id": 1, "do": "plan", "op": "add", "depth": 2} | at)["ok"]
+    x, y, _ = scenario.origin.position(63.4401, 10.4204, 2.0)
+    assert [desk.draft.rows[0][key] for key in ("x", "y")] == pytest.approx([x, y], abs=1e-3)
+    assert obey(desk, page, {"id": 1, "do": "plan", "op": "edit", "i": 0, "latitude": 63.4402})["ok"]
+    x, north_of, _ = scenario.origin.position(63.4402, 10.4204, 2.0)
+    assert [desk.draft.rows[0][key] for key in ("x", "y")] == pytest.approx([x, north_of], abs=2e-3)
+    before = desk.draft.rows
+    for wrong in (
+        {"latitude": 10.42},
+        {"latitude": 163.0},
+        {"latitude": "63"},
+        {"latitude": None},
+        {"latitude": 1e400},
+    ):
+        order = {"id": 1, "do": "plan", "op": "edit", "i": 0} | wrong
+        assert not obey(desk, page, order)["ok"] and desk.draft.rows == before
+    assert not obey(desk, page, {"id": 1, "do": "plan", "op": "add", "latitude": 63.44})["ok"]  # and the longitude?
+
+
+def test_without_a_datum_no_place_on_the_map_is_taken(desk):
+    order = {"id": 1, "do": "plan", "op": "add", "latitude": 63.44, "longitude": 10.42}
+    assert "--set 'datum=" in obey(desk, desk.come("b1"), order)["error"]
 
 
 def test_a_file_that_is_too_large_is_refused_with_the_limit(desk):

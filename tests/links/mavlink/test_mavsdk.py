@@ -14,11 +14,17 @@ import pytest
 from tests.links.mavlink.vehicle import ATTITUDE, PLACE, endpoint, measured, soon
 from tests.links.serving import serving
 
+from rovtwin.core.user_files.config import parse
+from rovtwin.planning.exchange.missions import FORMATS, route_of
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.schema import MissionSection
+
 try:
     import mavsdk
     from mavsdk.plugins.action import Action, ActionError
     from mavsdk.plugins.manual_control import ManualControl
     from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+    from mavsdk.plugins.mission_raw import MissionRaw
     from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityBodyYawspeed
     from mavsdk.plugins.telemetry import Telemetry
 except Exception as error:  # its shared library may be missing, or made for another machine
@@ -165,6 +171,27 @@ def test_the_script_of_the_docs_steers():
             pilot_command.armed and pilot_command.motion[0] == pytest.approx(0.15) for pilot_command in served.commands
         )
         assert soon(lambda: not served.commands[-1].armed)
+
+
+@pytest.mark.system
+def test_a_plan_written_for_qgroundcontrol_is_read(flying):
+    """By MAVSDK's own reader: items, a speed that changes, the fence."""
+    changes = ["datum={latitude: 63.44, longitude: 10.42}"]
+    changes += [f"autopilot.supervisor.geofence.polygon={[[-9, -9], [99, -9], [99, 99]]}"]
+    scenario = load_scenario("square", changes)
+    points = [{"position": [0, 0, 3], "speed": 0.3}, {"position": [20, 5, 2.5], "speed": 0.2, "hold_time": 4.0}]
+    mission = parse(MissionSection, {"waypoints": points}, "mine")
+    text = FORMATS["plan"].write(route_of(mission, scenario.origin, scenario))
+    taken = MissionRaw(flying.system).import_qgroundcontrol_mission_from_string(text)
+    home, *items = taken.mission_items  # which ArduPilot has first
+    assert (home.command, home.frame, home.z) == (16, 5, 0.0)
+    commands = [(item.command, item.frame, item.param1) for item in items]
+    assert commands == [(178, 2, 1.0), (16, 3, 0.0), (178, 2, 1.0), (16, 3, 4.0)]
+    first, last = (items[i] for i in (1, 3))
+    assert (first.x, first.y, first.z) == (634400000, 104200000, -3.0) and math.isnan(first.param4)
+    north_east = scenario.origin.position(last.x / 1e7, last.y / 1e7, -last.z)
+    np.testing.assert_allclose(north_east, [20, 5, 2.5], atol=0.01)  # 1e-7 degrees are a centimetre
+    assert [item.command for item in taken.geofence_items] == [5001] * 3
 
 
 def test_modes_that_mavsdk_cannot_ask_for(flying):

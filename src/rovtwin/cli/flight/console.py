@@ -3,7 +3,7 @@
 import secrets
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -48,6 +48,10 @@ def console(
             "--view", metavar="VIEW", help="A view of your own: package.module:Name, or an installed one; several."
         ),
     ] = None,
+    chart: Annotated[
+        list[Path] | None,
+        typer.Option("--map", metavar="FILE", help="A map under the chart: GeoTIFF, MBTiles, GeoPackage; several."),
+    ] = None,
     runs: Annotated[Path, typer.Option(help="Folder for the logs of flights.")] = Path("runs"),
     replay: Annotated[
         Path | None,
@@ -86,6 +90,7 @@ def console(
         given = {
             scenario: scenario != SCENARIO,
             "--view": bool(view),
+            "--map": bool(chart),
             "--set": bool(overrides),
             "--seed": seed is not None,
         }
@@ -113,6 +118,7 @@ def console(
             markup=False,
         )
         loaded, link = load_scenario(str(place.folder / "scenario.yaml"), (), None), found.link  # as it was given it
+    maps = _maps(chart or [], loaded)
     with sigterm_ends():
         if found is None:
             start(place, loaded, link, sensor or [], speed, runs)
@@ -127,7 +133,7 @@ def console(
                 )
             screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
             films = camera or camera_of(link)
-            build(place, Gate(host, token), loaded, runs, link == "twin://", films, views, link, sensor or ())
+            build(place, Gate(host, token), loaded, runs, link == "twin://", films, views, link, sensor or (), maps)
             _serve(host, port, address if browser else "")
         finally:
             end(place)
@@ -148,6 +154,22 @@ def _views(views: list[str]) -> list[str]:
     for one in views:
         require_there(one, VIEWS, "--view")
     return views
+
+
+def _maps(paths: list[Path], scenario: "Scenario") -> list[Any]:
+    """Maps under the chart, seen to lie where the vehicle is.
+
+    Raises:
+        ConfigError: One cannot be read or lies somewhere else, or nobody has given where the metres lie on the map.
+    """
+    if not paths:
+        return []
+    from rovtwin.console.chart.maps import describe
+    from rovtwin.planning.exchange.missions import NO_DATUM
+
+    if not scenario.datum.is_given:
+        raise ConfigError(f"--map {paths[0]}: {NO_DATUM}")
+    return [describe(path, scenario.origin) for path in paths]
 
 
 def _sized(loaded: "Scenario") -> "Scenario":

@@ -195,6 +195,9 @@ class Bridge:
         sticks = np.array([order.surge, order.sway, order.heave, order.yaw])
         self._engine.steer(sticks * helm.fastest)
 
+    def _fence(self, order: orders.Fence) -> None:
+        self._engine.set_fence(self._for_missions(self._engine.session), order.corners)
+
     def _submit(self, order: orders.Submit) -> None:
         if self._for_missions(self._engine.session).is_running:
             raise ConfigError("a mission is under way: hold or abort it before you submit another")

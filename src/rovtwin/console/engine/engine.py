@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.console.engine.experiment_helm import ExperimentHelm
+from rovtwin.console.engine.fence import Polygon, fault_of, with_fence
 from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.lending import LENT, WHY, Lending
@@ -50,7 +52,7 @@ class Engine:
 
     def __init__(self, config: EngineConfig, news: str, speed: float = 1.0, runs: str | Path = "runs"):
         """Publishes at the address `news`; logs of flights go into the folder `runs`."""
-        self._config = config
+        self._config, self._scenario = config, config.scenario
         self._publisher = Publisher(news)
         self._stage, self._note = "connecting", ""
         self._builder = SessionBuilder(config, speed, self._say)
@@ -211,8 +213,23 @@ class Engine:
     def scenario_with(self, waypoints: list[Waypoint]) -> Scenario:
         """The scenario, with these way-points for its mission; a test's as it is."""
         if self.test is not None:
-            return self._config.scenario
-        return self._config.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
+            return self._scenario
+        return self._scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
+
+    def set_fence(self, helm: Helm, polygon: Polygon | None) -> None:
+        """From the next flight on the vehicle stays within a polygon; None: within the scenario's own.
+
+        Raises:
+            ConfigError: It is armed, or the polygon is no fence for where the vehicle is.
+        """
+        if self.switch.armed or self.switch.arming:
+            raise ConfigError("armed: disarm first; a fence is that of a whole flight, and its log has it")
+        if polygon is not None and (fault := fault_of(polygon, np.asarray(helm.output.estimate.position)[:2])):
+            raise ConfigError(f"fence: {fault}")
+        self._scenario = self._config.scenario if polygon is None else with_fence(self._config.scenario, polygon)
+        helm.fence(self._scenario.autopilot.supervisor.geofence.polygon)
+        self._publisher.publish(self._setup_message())
+        self.event("info", "the fence is the scenario's again" if polygon is None else "fence drawn")
 
     def steer(self, velocity: Float[np.ndarray, "4"]) -> None:
         """The pilot's command: surge, sway, heave [m/s], turn rate [rad/s]."""
@@ -387,6 +404,8 @@ class Engine:
         return plan_message(self.plan, self.submitted, self._config.scenario.origin)
 
     def _setup_message(self) -> dict[str, Any]:
-        return setup_of(
-            self._config, self.session.simulation, self.session.readiness, self.test and self.test.laid_out()
+        drawn = self._scenario is not self._config.scenario
+        config = replace(self._config, scenario=self._scenario) if drawn else self._config
+        return {"fence_drawn": drawn} | setup_of(
+            config, self.session.simulation, self.session.readiness, self.test and self.test.laid_out()
         )

@@ -5,10 +5,11 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from rovtwin.console.engine.fence import Polygon, padded
 from rovtwin.console.engine.steering import Steering
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORT, ARM, PAUSE, PILOT, RESUME, Mission
-from rovtwin.core.numerics import jnp
+from rovtwin.core.numerics import as_array, jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.interfaces import MODE_PAUSED, MODE_PILOTED
 from rovtwin.runs.compose.composition import Simulation, way_points
@@ -35,6 +36,7 @@ class Helm(Steering):
         self.mission = self.mission_of(scenario)
         self.fastest = np.asarray(made.contingency.fastest)
         ready = eqx.tree_at(lambda a: a.mission, made, self.mission, is_leaf=lambda leaf: isinstance(leaf, Mission))
+        ready = _fenced(ready, scenario.autopilot.supervisor.geofence.polygon)
         super().__init__(simulation, ready, scenario.control_dt)
         self._begun = False  # a mission, since thrusters were last at rest
 
@@ -51,6 +53,11 @@ class Helm(Steering):
         """Fly a mission from its beginning, `mission` or the one submitted."""
         self._begin(self.mission if mission is None else mission, RESUME)
         self._begun = True
+
+    def fence(self, polygon: Polygon | None) -> None:
+        """Stay within another polygon from now on; None is everywhere."""
+        self._autopilot = _fenced(self._autopilot, polygon)
+        self._host.change(self._autopilot, self._host.memory)
 
     def hold(self) -> None:
         """Stay here: from idle or from a fail-safe with thrusters on again, else as a pause of the mission."""
@@ -112,3 +119,9 @@ class Helm(Steering):
             return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain, m.monitor, *failed)
 
         return eqx.tree_at(parts, memory, parts(fresh), is_leaf=lambda leaf: leaf is None)
+
+
+def _fenced(autopilot: Autopilot, polygon: Polygon | None) -> Autopilot:
+    return eqx.tree_at(
+        lambda a: a.supervisor.rules.fence, autopilot, as_array(padded(polygon)), is_leaf=lambda leaf: leaf is None
+    )

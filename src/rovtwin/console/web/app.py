@@ -11,10 +11,13 @@ from fastapi import Response, WebSocket
 from fastapi.responses import RedirectResponse, StreamingResponse
 from nicegui import app, ui
 
+from rovtwin.console.chart.maps import MapFile
 from rovtwin.console.replays.replay import Recording
 from rovtwin.console.replays.shelf import Shelf
 from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
+from rovtwin.console.web.chart.layers import add_layers
+from rovtwin.console.web.chart.plan_files import add_plan_files
 from rovtwin.console.web.commissioning.attending import Commissioning
 from rovtwin.console.web.commissioning.routes import add_commissioning
 from rovtwin.console.web.gate import Gate, Guard
@@ -46,6 +49,7 @@ def build(
     views: Sequence[str] = (),
     link: str = "twin://",
     sensors: Sequence[str] = (),
+    maps: Sequence[MapFile] = (),
 ) -> Hub:
     """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle.
 
@@ -59,6 +63,7 @@ def build(
         views: Addresses or entry points of views of one's own.
         link: URL of the vehicle.
         sensors: URLs of instruments beside it.
+        maps: Under the chart.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     own, swath = OwnViews(hub, views), SwathLayer(hub, scenario)
@@ -68,7 +73,9 @@ def build(
         stream = Stream(None, str(error), hub.send, hub.keep)
     looks = vehicle_glb(vehicle)
     open_to(gate)
-    add_replay(Shelf(runs), stop=hub.client.stop)
+    add_replay(shelf := Shelf(runs), stop=hub.client.stop)
+    add_layers(hub, scenario, shelf, maps)
+    add_plan_files(hub, scenario)
     add_commissioning(Commissioning(hub, place, runs), runs, _asked_for(scenario, link, sensors))
 
     @app.websocket("/live")
@@ -95,11 +102,6 @@ def build(
     @app.get("/mesh/vehicle.glb")
     def mesh() -> Response:
         return Response(looks, media_type="model/gltf-binary") if looks else Response("it has no looks", 404)
-
-    @app.get("/plan.yaml")
-    def plan() -> Response:
-        headers = {"Content-Disposition": 'attachment; filename="mission.yaml"'}
-        return Response(hub.draft.as_yaml(), media_type="application/yaml", headers=headers)
 
     @ui.page("/", title="rovtwin")
     def index() -> None:

@@ -6,16 +6,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin.console.planning import MOST, rows_of, square, waypoint_of
+from rovtwin.console.chart.files import imported
+from rovtwin.console.planning import MOST, PLACES, square, waypoint_of
 from rovtwin.console.surveys import SurveyArea, rows_over
 from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.user_files.files import MOST_UPLOAD
+from rovtwin.core.user_files.quantity import is_finite
+from rovtwin.planning.exchange.missions import NO_DATUM
+from rovtwin.scenario.schema.datum import require_near
 
 if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub
 
+ON_MAP = ("latitude", "longitude")
 COLUMNS = ("x", "y", "depth", "speed", "acceptance", "hold_time", "heading_deg", "altitude")
 LOOKS = 0.2  # from one look at the draft to the next: each costs the server some 20 ms, if the plan is long [s]
 BEYOND = 1e6  # all that is asked for, in metres
@@ -35,8 +40,8 @@ class Drafting:
         self._look: asyncio.Task[None] | None = None  # that waits to begin
         self._resting = -math.inf  # until when none is taken [s, of the event loop]
 
-    async def do(self, what: dict[str, Any]) -> None:
-        """One operation, `op`, with its arguments.
+    async def do(self, what: dict[str, Any]) -> str:
+        """One operation, `op`, with its arguments; what there is to say of it.
 
         Raises:
             RovtwinError: It cannot be done; the text says why.
@@ -44,8 +49,9 @@ class Drafting:
         operation = getattr(self, f"_{what.get('op')}", None)
         if operation is None or what.get("op") not in OPERATIONS:
             raise ConfigError(f"plan: found the operation {what.get('op')!r}, expected one of {', '.join(OPERATIONS)}")
-        await operation(what)
+        message = await operation(what)
         await self.look()
+        return message or ""
 
     async def look(self) -> None:
         """Check the draft, and tell all. However fast changes come, one look is taken at a time, and one waits."""
@@ -62,15 +68,36 @@ class Drafting:
             self._resting = asyncio.get_running_loop().time() + LOOKS
 
     async def _add(self, what: dict[str, Any]) -> None:
-        self._hub.draft.add(_columns(what))
+        self._hub.draft.add(self._columns(what))
 
     async def _insert(self, what: dict[str, Any]) -> None:
-        self._hub.draft.insert(_number(what, "i"), _columns(what))
+        self._hub.draft.insert(_number(what, "i"), self._columns(what))
 
     async def _edit(self, what: dict[str, Any]) -> None:
-        self._hub.draft.edit(_number(what, "i"), _columns(what))
+        self._hub.draft.edit(i := _number(what, "i"), self._columns(what, i))
 
     _move = _edit
+
+    def _columns(self, what: dict[str, Any], i: int | None = None) -> dict[str, Any]:
+        """Columns of a row; a place on the map in metres. What that leaves out is as in row `i`."""
+        columns = {key: what[key] for key in COLUMNS if key in what}
+        if not any(key in what for key in ON_MAP):
+            return columns
+        if (datum := self._hub.datum) is None:
+            raise ConfigError(NO_DATUM)
+        rows = self._hub.draft.rows
+        row = rows[i] if i is not None and i < len(rows) else {}
+        known = [float(v) for v in datum.geodetic([row["x"], row["y"], row["depth"]])] if row else [None, None]
+        latitude, longitude = (what.get(key, value) for key, value in zip(ON_MAP, known, strict=True))
+        depth = columns.get("depth", row.get("depth", 0.0))
+        if not (is_finite(latitude) and is_finite(longitude) and is_finite(depth)):
+            raise ConfigError(f"plan: found {latitude!r:.40}, {longitude!r:.40}, expected latitude and longitude [deg]")
+        try:
+            require_near(datum, [latitude, longitude, depth], "plan")
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+        x, y, _ = datum.position(latitude, longitude, depth)
+        return columns | {"x": round(float(x), PLACES), "y": round(float(y), PLACES)}
 
     async def _delete(self, what: dict[str, Any]) -> None:
         self._hub.draft.delete(_number(what, "i"))
@@ -90,13 +117,15 @@ class Drafting:
     async def _clear(self, what: dict[str, Any]) -> None:
         self._hub.draft.clear()
 
-    async def _import(self, what: dict[str, Any]) -> None:
-        text = what.get("text")
-        if not isinstance(text, str):
+    async def _import(self, what: dict[str, Any]) -> str:
+        text, name = what.get("text"), what.get("name", "the file")
+        if not isinstance(text, str) or not isinstance(name, str):
             raise ConfigError(f"the file: found {type(text).__name__}, expected text")
         if (size := len(text.encode(errors="replace"))) > MOST_UPLOAD:
             raise ConfigError(f"the file: found {size / 1e3:,.0f} kB, expected at most {MOST_UPLOAD / 1e3:g} kB")
-        self._hub.draft.load(await self._worker.call(rows_of, text))
+        rows, notes = await self._worker.call(imported, text, name[:80], self._hub.datum)
+        self._hub.draft.load(rows)
+        return ". ".join(notes)
 
     async def _template(self, what: dict[str, Any]) -> None:
         depth, speed = _value(what, "depth", 1.0), _value(what, "speed", self._hub.draft.own["speed"])
@@ -146,10 +175,6 @@ OPERATIONS = (
     *("add", "insert", "edit", "move", "delete", "cancel_last", "reorder", "undo", "redo", "clear", "import"),
     *("template", "submit"),
 )
-
-
-def _columns(what: dict[str, Any]) -> dict[str, Any]:
-    return {key: what[key] for key in COLUMNS if key in what}
 
 
 def _number(what: dict[str, Any], key: str) -> int:

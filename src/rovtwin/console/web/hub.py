@@ -34,7 +34,7 @@ PULSE = 0.5  # how often browsers hear whether the engine lives [s]
 LIVING = 0.8  # a page says something more often than this, and looks for a lost server later than this [s]
 LATE = 4.0  # an order given on news older than this is not handed on: it waited in a network that was down [s]
 PLAIN = ("arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect")  # as they come, to the engine
-FULL = ("goto", "pace", "inject")
+FULL = ("goto", "pace", "inject", "fence")
 ANY_AGE = ("disarm", "abort")  # right however long they waited, as STOP is
 AT_ONCE = 16  # orders of one page that are not answered yet; further ones are refused
 PATIENCE = 20.0  # with a file that is read, or a survey that is laid out [s]; pages wait for 30
@@ -73,6 +73,7 @@ class Hub:
     Attributes:
         client: To the engine.
         rights: Who is in control.
+        datum: Of the plan's metres, or None where nobody has given it.
         vehicle: That is flown: its name, file or description.
         line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
@@ -85,6 +86,7 @@ class Hub:
     def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
         model = vehicle_of(scenario).model()
+        self.datum = scenario.origin if scenario.datum.is_given else None
         self.vehicle, own, self.line_speed = scenario.vehicle, own_values(Limits.of(model)), line_speed(model)
         self.rights, self.draft = Rights(), Draft(own=own)
         self.submitted_area: SurveyArea | None = None
@@ -236,11 +238,13 @@ class Hub:
         elif do == "pilot":
             self.client.tell("pilot", **what)
         elif do == "plan":
-            await self.drafting.do(what)
+            return await self.drafting.do(what)
         elif do in PLAIN:
             await self.client.ask(do)
         elif do in FULL:
             await self.client.ask(do, **what)
+            if do == "fence":
+                await self.drafting.look()
         elif do in self.others:
             return await self.others[do](what)
         else:

@@ -171,17 +171,17 @@ def _gpx(found: Map) -> str:
         segment = ElementTree.SubElement(line, "trkseg")
         for row, depth, time in zip(_rows(track), track.depth.tolist(), _utc(found.datum, track.t), strict=True):
             ElementTree.SubElement(_gpx_point(segment, "trkpt", row, depth), "time").text = time
-    return _xml(root)
+    return xml_text(root)
 
 
 def _gpx_point(parent: ElementTree.Element, tag: str, row: list[float], depth: float) -> ElementTree.Element:
     longitude = (row[0] + 180.0) % 360.0 - 180.0
     point = ElementTree.SubElement(parent, tag, {"lat": f"{row[1]:.9f}", "lon": f"{longitude:.9f}"})
-    ElementTree.SubElement(point, "ele").text = _height(depth)
+    ElementTree.SubElement(point, "ele").text = height_text(depth)
     return point
 
 
-def _height(depth: float) -> str:
+def height_text(depth: float) -> str:
     """Above the water to 1 mm [m]; at the surface 0, without a sign."""
     return f"{round(-depth, 3) + 0.0:.3f}"
 
@@ -197,12 +197,13 @@ def _kml(found: Map) -> str:
         shape = ElementTree.SubElement(mark, track.shape)
         ElementTree.SubElement(shape, "altitudeMode").text = "absolute"
         rows = zip(_rows(track), track.depth.tolist(), strict=True)
-        text = " ".join(f"{row[0]:.9f},{row[1]:.9f},{_height(depth)}" for row, depth in rows)
+        text = " ".join(f"{row[0]:.9f},{row[1]:.9f},{height_text(depth)}" for row, depth in rows)
         ElementTree.SubElement(shape, "coordinates").text = text
-    return _xml(root)
+    return xml_text(root)
 
 
-def _xml(root: ElementTree.Element) -> str:
+def xml_text(root: ElementTree.Element) -> str:
+    """A document with its declaration, indented."""
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 

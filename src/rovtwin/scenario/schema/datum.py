@@ -35,6 +35,11 @@ class DatumSection(Strict):
     )
 
     @property
+    def is_given(self) -> bool:
+        """Whether the place is another than the default, which is one for examples: files written in full have it."""
+        return (self.latitude, self.longitude) != (_DEFAULT.latitude, _DEFAULT.longitude)
+
+    @property
     def origin(self) -> Datum:
         """What converts."""
         return Datum(self.latitude, self.longitude, self.height, self.utc_start)

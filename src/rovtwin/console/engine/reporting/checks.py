@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rovtwin.console.engine.fence import legs_outside
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import as_array
 from rovtwin.gnc.safety.rules import inside
@@ -88,3 +89,7 @@ def _outside(scenario: Scenario) -> Iterator[tuple[int, str]]:
             yield i, f"found {away:.1f} m from the start, expected at most {fence.limit:g} m (the fence)"
         if fence.polygon is not None and not inside(as_array(fence.polygon), as_array(place[:2])):
             yield i, "found it outside the fence, expected it inside: move it"
+    if fence.polygon is not None:
+        places = np.array([point.placed(scenario.origin)[:2] for point in scenario.waypoints]).reshape(-1, 2)
+        for i in legs_outside(np.array(fence.polygon), places):
+            yield i, "the way to it leaves the fence, expected it inside: go around the corner"

@@ -60,12 +60,21 @@ def described(scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
     boxes = vehicle.assembly.boxes
     return {
         "vehicle": vehicle.name,
+        "datum": _datum(scenario),
         "room": _room(scenario),
         "fence": _fence(scenario),
         "deepest": scenario.autopilot.supervisor.deepest,
         "size": np.ptp(np.concatenate([box.corners() for box in boxes]), axis=0) if boxes else SIZE,
         "waves": _waves(scenario),
     }
+
+
+def _datum(scenario: Scenario) -> dict[str, float] | None:
+    """Where the origin of n lies on the map [deg, m]; None where nobody has given it."""
+    datum = scenario.datum
+    return (
+        {"latitude": datum.latitude, "longitude": datum.longitude, "height": datum.height} if datum.is_given else None
+    )
 
 
 def _room(scenario: Scenario) -> dict[str, Any]:
@@ -89,7 +98,8 @@ def _fence(scenario: Scenario) -> dict[str, Any] | None:
         return None
     every = np.concatenate(outlines)
     (north, east), (far_north, far_east) = every.min(axis=0), every.max(axis=0)
-    return {"outlines": outlines, "north": [north, far_north], "east": [east, far_east]}
+    reach = {"north": [north, far_north], "east": [east, far_east]}
+    return {"outlines": outlines, "polygon": fence.polygon} | reach
 
 
 def _waves(scenario: Scenario) -> dict[str, Any] | None:

@@ -3,7 +3,10 @@ import {live} from '/static/live.js';
 import {make, mount, surface} from '/static/canvas.js';
 import {drawChart} from '/static/chart_draw.js';
 import {Hands} from '/static/chart_edit.js';
+import {Layers, LayersPanel} from '/static/chart_layers.js';
+import {Ruler} from '/static/chart_measure.js';
 import {AreaForm, Menu, Notice, Tools, legend} from '/static/chart_panels.js';
+import {copied, mapText, onPlaces} from '/static/places.js';
 import {View, area, beside, boxOf, nearestLeg} from '/static/geometry.js';
 import {Swath} from '/static/swath.js';
 import {SwathPanel} from '/static/swath_panel.js';
@@ -12,6 +15,7 @@ import {Track} from '/static/track.js';
 const model = {state: null, setup: null, plan: null, rights: null};
 const track = new Track(); // outlives the element: a change of tab loses nothing
 const swath = new Swath(() => shown?.changed({}));
+const layers = new Layers(() => shown?.changed({}));
 let shown = null;
 
 const LEAST = 4; // of the water round a vehicle that hangs still, shown where there is no plan [m]
@@ -22,7 +26,8 @@ class Chart {
   model = model;
   track = track;
   swath = swath;
-  mode = 'move'; // or add, area
+  layers = layers;
+  mode = 'move'; // or add, area, fence, measure
   follow = false;
   fitted = false; // the view, to a plan, once
   touched = false; // by a hand: until then the view fits itself to what there is
@@ -31,6 +36,7 @@ class Chart {
   hover = null;
   cursor = null; // where the pointer is [m]
   area = null; // corners drawn so far
+  ruler = new Ruler();
   toward = null; // where the next corner would be
 
   constructor(element) {
@@ -41,7 +47,8 @@ class Chart {
     this.form = new AreaForm(values => this.template(values), () => this.setMode('move'));
     this.notice = new Notice(this);
     this.seen = new SwathPanel(this, swath);
-    const corner = make('div', {class: 'chart-corner'}, this.seen.element, legend());
+    this.under = new LayersPanel(this, layers);
+    const corner = make('div', {class: 'chart-corner'}, this.seen.element, this.under.element, legend());
     const panels = [corner, this.notice.element, this.form.element, this.menus.element];
     element.replaceChildren(this.canvas, ...this.tools.elements, ...panels);
     this.surface = surface(this.canvas, (context, width, height) => {
@@ -51,6 +58,7 @@ class Chart {
       drawChart(context, this);
     });
     new Hands(this.canvas, this);
+    this.unwatch = onPlaces(() => this.changed({}));
     this.changed({});
   }
 
@@ -68,13 +76,19 @@ class Chart {
     this.fitted ||= planned;
     return !stays;
   }
-  drawing = () => this.mode === 'area' && this.may() && !this.form.open;
+  drawing = () => ['area', 'fence'].includes(this.mode) && this.may() && !this.form.open;
 
   /** Way-points of the draft, the dragged one where the hand has it. */
   draft = () => {
     const {pending} = this;
     return (model.plan?.draft ?? []).map((p, i) => (pending?.i === i ? {...p, x: pending.x, y: pending.y} : p));
   };
+
+  /** A click while distances are measured. */
+  measure(place) {
+    this.ruler.add(place);
+    this.changed({});
+  }
 
   get outline() {
     const {area: points, toward} = this;
@@ -86,6 +100,7 @@ class Chart {
     this.tools.show();
     this.notice.show();
     this.seen.show();
+    this.under.show();
     this.surface.redraw();
   }
 
@@ -153,6 +168,7 @@ class Chart {
   setMode(mode) {
     this.form.hide();
     // Whoever lays points by hand has chosen what to see of the water: from then on the view is theirs.
+    this.ruler.clear();
     this.changed({mode, area: null, toward: null, touched: this.touched || mode !== 'move'});
   }
 
@@ -162,6 +178,7 @@ class Chart {
       return this.notice.complain('The area is too small: drag out a rectangle, or click three corners or more.');
     }
     this.changed({toward: null});
+    if (this.mode === 'fence') return this.fence(this.area.map(({x, y}) => [x, y].map(value => Math.round(value * 100) / 100)));
     const {draft, own, line_speed} = model.plan ?? {};
     const last = draft?.at(-1);
     const speed = last?.speed ?? own?.speed;
@@ -169,6 +186,12 @@ class Chart {
     const width = Math.min(high.x - low.x, high.y - low.y);
     this.form.show(area(this.area), width, {depth: last?.depth ?? model.state?.setpoint?.[2], speed}, line_speed);
     this.changed({});
+  }
+
+  /** Corners [north, east] in which the vehicle has to stay from the next flight on; null: the scenario's own. */
+  async fence(corners) {
+    if (await this.ask({do: 'fence', corners})) this.setMode('move');
+    else this.changed({area: null});
   }
 
   /** A lawn-mower plan over the area; rejects with the reason where there is none. */
@@ -188,6 +211,8 @@ class Chart {
     const depth = draft[i]?.depth ?? model.state?.setpoint?.[2] ?? model.state?.eta?.[2] ?? 0;
     const place = {x: Math.round(here.x * 100) / 100, y: Math.round(here.y * 100) / 100};
     const items = [[`Go to here, ${metres(depth)} m deep`, () => this.ask({do: 'goto', ...place, depth})]];
+    const words = mapText({...place, depth});
+    const copy = () => copied(words).catch(error => this.notice.complain(error.message));
     if (i !== null) {
       const side = which => beside(draft, i, which, 60 / this.view.scale);
       items.push(['Insert before', () => this.insert(i, side(-1))]);
@@ -198,11 +223,14 @@ class Chart {
       const leg = nearestLeg(draft, here);
       if (leg !== null) items.push([`Insert between ${leg + 1} and ${leg + 2}`, () => this.insert(leg + 1, here)]);
     }
+    if (model.setup?.fence_drawn) items.push(['Take the drawn fence away', () => this.fence(null)]);
+    if (words) items.push([`Copy ${words}`, copy, true]);
     this.changed({selected: i});
     this.menus.show(pixel, this.view, items, this.may());
   }
 
   release() {
+    this.unwatch();
     this.surface.release();
     this.notice.release();
   }

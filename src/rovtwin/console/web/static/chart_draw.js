@@ -1,5 +1,6 @@
 /** Draws the chart: what lies in the plane (`drawChart`). Everything here only reads. */
 import {FONT, colour} from '/static/canvas.js';
+import {drawRuler} from '/static/chart_measure.js';
 import {faultsOf} from '/static/faults.js';
 import {drawAxes, drawRoses, drawScaleBar, label} from '/static/chart_rulers.js';
 import {ellipseAxes, placed, thinned} from '/static/geometry.js';
@@ -15,13 +16,16 @@ export function drawChart(context, chart) {
   context.fillStyle = colour('bg');
   context.fillRect(0, 0, view.width, view.height);
   context.lineJoin = context.lineCap = 'round';
+  chart.layers.maps.draw(context, view);
   drawAxes(context, view);
   chart.swath.draw(context, view, state?.t ?? 0);
   drawRoom(context, view, model.setup);
+  chart.layers.dives.draw(context, view);
   drawLegs(context, chart);
   drawTrack(context, view, chart.track.points);
   drawWaypoints(context, chart);
   if (chart.outline) drawArea(context, view, chart.outline);
+  if (chart.mode === 'measure') drawRuler(context, view, chart.ruler, chart.cursor);
   // Above all that was planned: nothing hides where the vehicle is.
   if (state?.eta) drawVehicle(context, view, state, model.setup?.size ?? [0.5, 0.4, 0.3]);
   drawScaleBar(context, view);

@@ -52,7 +52,7 @@ export class Hands {
     this.#pointers.set(event.pointerId, pixel);
     clearTimeout(this.#timer);
     if (this.#pointers.size > 1) return this.#abandon('pinch');
-    const i = chart.may() && !chart.drawing() ? this.#hit(pixel, event.pointerType) : null;
+    const i = chart.may() && !chart.drawing() && chart.mode !== 'measure' ? this.#hit(pixel, event.pointerType) : null;
     const kind = i !== null ? 'waypoint' : chart.drawing() ? 'area' : 'pan';
     this.#drag = {kind, i, from: pixel, last: pixel, moved: false, still: STILL[event.pointerType] ?? STILL.touch};
     if (event.pointerType !== 'mouse') this.#timer = setTimeout(() => this.#pressed(pixel), LONG_PRESS);
@@ -107,6 +107,7 @@ export class Hands {
     const world = rounded(chart.view.toWorld(from));
     if (kind === 'area') this.#vertex(from, world);
     else if (kind === 'waypoint') chart.changed({selected: i});
+    else if (chart.mode === 'measure') chart.measure(world);
     else if (chart.mode === 'add' && chart.may()) chart.add(world);
     else chart.changed({selected: null});
   }

@@ -2,8 +2,10 @@
 import {make} from '/static/canvas.js';
 import {faultsOf} from '/static/faults.js';
 import {area, roundLength} from '/static/geometry.js';
+import {WAYS, mapText, onMap, placesAs, turnPlaces} from '/static/places.js';
 
 const MAKE = 'Make plan';
+const SIGNS = {m: 'm', deg: '°', min: '° ′'}; // of how places are written
 const LINES = 4; // over an area at least, where nobody says how far apart
 
 const button = (text, label, onclick, more = {}) =>
@@ -18,8 +20,11 @@ export class Tools {
       mode('Move', 'Move way-points and the chart', 'move'),
       mode('Add', 'Add way-points by clicking', 'add'),
       mode('Area', 'Draw an area for a lawn-mower plan', 'area'),
+      mode('Fence', 'Draw the fence in which the vehicle has to stay', 'fence'),
     ]);
+    this.measure = button('Measure', 'Measure distances, bearings and areas', () => chart.setMode(chart.mode === 'measure' ? 'move' : 'measure'));
     this.remove = button('Delete', 'Delete the chosen way-point', () => chart.remove());
+    this.places = button('m', '', turnPlaces);
     this.follow = button('Follow', 'Follow the vehicle', () => chart.changed({follow: !chart.follow, touched: true}));
     this.elements = [
       make(
@@ -35,6 +40,8 @@ export class Tools {
         button('\u2212', 'Zoom out', () => chart.zoomed(1 / 1.5)),
         button('Fit', 'Show the whole plan', () => chart.fit()),
         this.follow,
+        this.measure,
+        this.places,
       ),
     ];
   }
@@ -55,6 +62,10 @@ export class Tools {
     this.elements[0].classList.toggle('is-watching', !chart.may());
     this.remove.disabled = !chart.may() || chart.selected === null;
     this.follow.setAttribute('aria-pressed', String(chart.follow));
+    this.measure.setAttribute('aria-pressed', String(chart.mode === 'measure'));
+    const [name, words] = WAYS.find(([way]) => way === placesAs());
+    Object.assign(this.places, {hidden: !onMap(), textContent: SIGNS[name], title: `Places are written in ${words}: press for another way`});
+    this.places.setAttribute('aria-label', this.places.title);
   }
 }
 
@@ -92,10 +103,10 @@ export class Menu {
     });
   }
 
-  /** Shows items [[text, act], ...] at a pixel; greyed, with the reason, where nothing may be edited. */
+  /** Shows items [[text, act, free], ...] at a pixel; greyed, with the reason, where nothing may be edited but the free. */
   show({u, v}, view, items, may) {
-    const entries = items.map(([text, act]) =>
-      make('button', {type: 'button', role: 'menuitem', disabled: !may, onclick: () => (this.hide(), act())}, text));
+    const entries = items.map(([text, act, free]) =>
+      make('button', {type: 'button', role: 'menuitem', disabled: !may && !free, onclick: () => (this.hide(), act())}, text));
     if (!may) entries.unshift(make('p', {}, 'You are watching: take control to do this.'));
     this.element.replaceChildren(...entries);
     this.element.hidden = false;
@@ -235,7 +246,7 @@ export class Notice {
     const {chart} = this;
     const drawing = chart.drawing();
     this.done.hidden = !(drawing && chart.area?.length > 2);
-    this.cancel.hidden = !drawing && (chart.mode !== 'add' || !chart.may());
+    this.cancel.hidden = !drawing && chart.mode !== 'measure' && (chart.mode !== 'add' || !chart.may());
     const text = this.#text();
     if (this.hint.textContent !== text) this.hint.textContent = text;
     this.element.hidden = !text && !this.error.textContent && this.cancel.hidden;
@@ -245,7 +256,11 @@ export class Notice {
     const {chart} = this;
     const i = chart.pending?.i ?? chart.selected;
     const point = i === null ? null : chart.draft()[i];
-    const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
+    const at = place => {
+      const words = mapText(place);
+      return `N ${place.x.toFixed(1)}, E ${place.y.toFixed(1)} m${words && ` · ${words}`}`;
+    };
+    if (chart.mode === 'measure') return chart.ruler.text(chart.cursor);
     if (chart.drawing()) return this.#areaText(chart.area);
     const speed = point?.speed ? `, ${Number(point.speed.toFixed(2))} m/s` : '';
     const fault = faultsOf(chart.model.plan?.checks).get(i);
@@ -256,7 +271,7 @@ export class Notice {
   }
 
   #areaText(points) {
-    if (!points) return 'Drag out a rectangle or click corners';
+    if (!points) return `${this.chart.mode === 'fence' ? 'Fence: drag' : 'Drag'} out a rectangle or click corners`;
     const size = points.length > 2 ? `${area(points).toFixed(1)} m² · ` : '';
     return `${size}click the next corner, on the first one to finish`;
   }

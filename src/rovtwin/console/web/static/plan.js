@@ -4,11 +4,21 @@ import {lasting} from '/static/clock.js';
 import {faultsOf, pointsOf} from '/static/faults.js';
 import {live} from '/static/live.js';
 import {showReply, toast} from '/static/page.js';
+import {angleOf, angleText, geodetic, onPlaces, placesAs, placesChoice} from '/static/places.js';
+import {files} from '/static/plan_files.js';
 
 const COLUMNS = [
   ['x', 'North [m]', 0.1], ['y', 'East [m]', 0.1], ['depth', 'Depth [m]', 0.1], ['speed', 'Speed [m/s]', 0.05],
   ['hold_time', 'Hold [s]', 1], ['heading_deg', 'Heading [deg]', 5],
 ];
+/** Of a place on the map: what a cell shows, and what is ordered when something is typed; null where it is no angle. */
+const angle = key => ({
+  text: row => angleText(geodetic(row)[key], key, 7),
+  order: typed => (angleOf(typed, key) === null ? null : {[key]: angleOf(typed, key)}),
+});
+const ON_MAP = [['latitude', 'Latitude', null, angle('latitude')], ['longitude', 'Longitude', null, angle('longitude')]];
+const columns = () => (placesAs() === 'm' ? COLUMNS : [...ON_MAP, ...COLUMNS.slice(2)]);
+const EXAMPLE = 'found no angle; expected such as 63.45004, 63° 27.0027′ N or 63 27 00.2 N';
 const STARTS = 'Start the submitted mission';
 const RESUMES = 'Go on with the mission';
 const NOT_PAUSED = 'No mission is paused';
@@ -22,13 +32,22 @@ function button(text, label, onclick, id) {
   return make('button', {class: 'action', 'aria-label': label, title: label, id, onclick}, text);
 }
 
-function cell(row, i, [key, label, step]) {
-  const value = rounded(row[key]);
-  const input = make('input', {type: 'number', step, value, 'aria-label': `${label} of way-point ${i + 1}`,
-    placeholder: BLANK.has(key) ? 'leg' : '', class: 'cell-input'});
+/** What typed text orders of a column; null where it is nothing. */
+function ordered(text, [key, , , way]) {
+  const empty = text.trim() === '';
+  if (way && !empty && !way.order(text)) toast(EXAMPLE, 'danger');
+  if (way) return empty ? null : way.order(text);
+  return empty && !BLANK.has(key) ? null : {[key]: empty ? null : Number(text)};
+}
+
+function cell(row, i, column) {
+  const [key, label, step, way] = column;
+  const value = way ? way.text(row) : rounded(row[key]);
+  const input = make('input', {type: way ? 'text' : 'number', step, value, 'aria-label': `${label} of way-point ${i + 1}`,
+    placeholder: BLANK.has(key) ? 'leg' : '', class: way ? 'cell-input is-angle' : 'cell-input'});
   input.addEventListener('change', async () => {
-    const empty = input.value.trim() === '';
-    const taken = (!empty || BLANK.has(key)) && await plan({op: 'edit', i, [key]: empty ? null : Number(input.value)});
+    const order = ordered(input.value, column);
+    const taken = order && await plan({op: 'edit', i, ...order});
     if (!taken) input.value = value; // what the plan has
   });
   return make('td', {}, input);
@@ -82,7 +101,7 @@ function bare({x, y, depth, speed}, i) {
 
 function fields(point, i, count) {
   return [
-    ...COLUMNS.map(column => cell(point, i, column)),
+    ...columns().map(column => cell(point, i, column)),
     make('td', {class: 'row-actions'},
       button('↑', `Move way-point ${i + 1} up`, () => i > 0 && plan({op: 'reorder', i, to: i - 1})),
       button('↓', `Move way-point ${i + 1} down`, () => i + 1 < count && plan({op: 'reorder', i, to: i + 1})),
@@ -92,14 +111,17 @@ function fields(point, i, count) {
 
 /** A row for a new way-point: what is typed is added at the end. */
 function adding() {
-  const fields = COLUMNS.slice(0, 3).map(([key, label, step]) =>
-    make('input', {type: 'number', step, id: `new-${key}`, 'aria-label': `New way-point: ${label}`, placeholder: label}));
+  const asked = columns().slice(0, 3);
+  const fields = asked.map(([key, label, step, way]) =>
+    make('input', {type: way ? 'text' : 'number', step, id: `new-${key}`, 'aria-label': `New way-point: ${label}`, placeholder: label}));
   const add = async () => {
     const values = fields.map(field => field.value.trim());
-    if (values[0] === '' || values[1] === '') { toast('a way-point needs north and east', 'danger'); return; }
-    const point = {x: Number(values[0]), y: Number(values[1])};
-    if (values[2] !== '') point.depth = Number(values[2]);
-    if (!await plan({op: 'add', ...point})) return;
+    if (values[0] === '' || values[1] === '') {
+      toast(`a way-point needs ${placesAs() === 'm' ? 'north and east' : 'latitude and longitude'}`, 'danger');
+      return;
+    }
+    const orders = asked.map((column, k) => (values[k] === '' ? {} : ordered(values[k], column)));
+    if (orders.includes(null) || !await plan(Object.assign({op: 'add'}, ...orders))) return;
     // What has been typed since the click is the next way-point's.
     if (fields.some((field, i) => field.value.trim() !== values[i])) return;
     fields[0].value = fields[1].value = '';
@@ -107,24 +129,6 @@ function adding() {
   };
   fields.forEach(field => field.addEventListener('keydown', event => { if (event.key === 'Enter') add(); }));
   return make('div', {class: 'line'}, ...fields, button('Add', 'Add this way-point', add, 'add'));
-}
-
-function files() {
-  const chooser = make('input', {type: 'file', accept: '.yaml,.yml', 'aria-label': 'Mission file', hidden: true,
-    id: 'mission-file'});
-  chooser.addEventListener('change', async () => {
-    const file = chooser.files[0];
-    chooser.value = '';
-    if (!file) return;
-    const most = live.last.plan?.largest; // [bytes]
-    if (file.size > most) {
-      toast(`${file.name}: found ${Math.round(file.size / 1e3)} kB, expected at most ${most / 1e3} kB`, 'danger');
-      return;
-    }
-    plan({op: 'import', text: await file.text()});
-  });
-  return [chooser, button('Import …', 'Import a mission from a YAML file', () => chooser.click(), 'import'),
-    make('a', {class: 'action', href: '/plan.yaml', download: 'mission.yaml', id: 'export'}, 'Export')];
 }
 
 function summary(message) {
@@ -165,10 +169,15 @@ function markRows(body, checks) {
 
 mount('plan', section => {
   const body = make('tbody');
-  const head = make('tr', {}, make('th', {scope: 'col'}, '#'),
-    ...COLUMNS.map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col'}, make('span', {class: 'unseen'}, 'Actions')));
+  const head = make('tr');
   const table = make('div', {class: 'table', tabindex: 0, role: 'region', 'aria-label': 'Way-points'},
     make('table', {}, make('thead', {}, head), body));
+  const titled = () => {
+    table.classList.toggle('is-on-map', placesAs() !== 'm');
+    head.replaceChildren(make('th', {scope: 'col'}, '#'),
+      ...columns().map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col'}, make('span', {class: 'unseen'}, 'Actions')));
+  };
+  titled();
   const lines = new Rows(body);
   const undo = button('Undo', 'Undo the last change', () => plan({op: 'undo'}));
   const redo = button('Redo', 'Redo what was undone', () => plan({op: 'redo'}));
@@ -185,7 +194,9 @@ mount('plan', section => {
   const resume = order('Resume', RESUMES, 'resume', 'resume');
   const hold = order('Hold', 'Stay here', 'hold', 'hold');
   const abort = order('Abort', 'Abort: thrusters off', 'abort', 'abort');
-  section.append(adding(), make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files()), table, say, checks,
+  let newest = adding();
+  const places = placesChoice();
+  section.append(newest, make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files(plan), places.element), table, say, checks,
     make('div', {class: 'line'}, submit, start, pause, resume, hold, abort));
 
   table.addEventListener('keydown', event => { // on a row, not in what is typed there
@@ -198,7 +209,7 @@ mount('plan', section => {
   const able = () => {
     const {state} = live.last;
     const may = editable();
-    section.querySelectorAll('button:not(.to-row), input').forEach(one => { one.disabled = !may; });
+    section.querySelectorAll('button:not(.to-row, .is-open), input').forEach(one => { one.disabled = !may; });
     const message = live.last.plan;
     undo.disabled ||= !message?.undo;
     redo.disabled ||= !message?.redo;
@@ -224,6 +235,16 @@ mount('plan', section => {
       able();
     }),
     live.on('rights', able),
+    places.release,
+    onPlaces(() => { // written in another way: everything that holds a place
+      const line = adding();
+      newest.replaceWith(line);
+      newest = line;
+      titled();
+      if (live.last.plan) lines.show(live.last.plan.draft);
+      if (live.last.plan) markRows(body, live.last.plan.checks);
+      able();
+    }),
   ];
   let before = '';
   let hasEta = Boolean(live.last.state?.eta);

@@ -1,0 +1,1 @@
+"""Missions in other programs' files: GPX, KML, GeoJSON, plans of QGroundControl; `missions` has them all."""
