@@ -178,6 +178,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"recording"},
         {"flight"},
         {"batch", "fly", "mapping", "smooth", "watch"},
+        {"ensemble"},
     ],
     "live": [
         {"manoeuvres", "readiness"},

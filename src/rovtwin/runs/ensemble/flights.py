@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.campaign.tuning.flights import LANES
-from rovtwin.campaign.tuning.plants import Plants
-from rovtwin.campaign.workers import cores_here
+from rovtwin.core.processes.cores import cores_here
 from rovtwin.core.user_files.config import parse
 from rovtwin.runs.batch import flown_together, same_program
 from rovtwin.runs.compose.composition import Simulation, keys_of, start_of
 from rovtwin.runs.compose.world import plant_of, world_of
+from rovtwin.runs.ensemble.plants import Plants
 from rovtwin.runs.run import CHUNK
 from rovtwin.runs.scoring.scores import Flown
 from rovtwin.scenario.schema import WorldSection
 
+LANES = 10  # flights under vmap: half the time of one by one, and a generation of a tuning has so many of each plant
 LOOK = 0.5  # between looks at how far the flights are [s]
 Progress = Callable[[float], None]  # share of the flights done, 0 to 1
 
