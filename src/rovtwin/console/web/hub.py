@@ -80,6 +80,7 @@ class Hub:
         submitted_area: What the plan that was submitted last surveys, or None.
         worker: Reads files and lays surveys out, in a process of its own.
         others: Orders that are done elsewhere, by name; only the page in control gives them.
+        started: Called when a page has started the mission.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
@@ -95,6 +96,7 @@ class Hub:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._kept: dict[str, str] = {}
         self.others: dict[str, Callable[[dict[str, Any]], Awaitable[str]]] = {}
+        self.started: Callable[[], None] = lambda: None
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -239,6 +241,8 @@ class Hub:
             await self.drafting.do(what)
         elif do in PLAIN:
             await self.client.ask(do)
+            if do == "start":
+                self.started()
         elif do in FULL:
             await self.client.ask(do, **what)
         elif do in self.others:
