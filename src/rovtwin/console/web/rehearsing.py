@@ -1,4 +1,4 @@
-"""Rehearses the plan on the table in a process of its own, tells pages, and holds flights against what was predicted."""
+"""Rehearses the plan on the table in a process of its own, and holds flights against what was predicted of them."""
 
 import asyncio
 import logging
@@ -45,7 +45,7 @@ class Rehearsing:
         self._flying: list[int] = []  # numbers of those that were started in this flight
         self._folder, self._reached, self._under_way = "", 0, False  # the flight, how far it was looked at
         hub.others["rehearse"] = self.order
-        hub.started = self.started
+        hub.started, hub.more_checks = self.started, self.remarks
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -195,6 +195,7 @@ class Rehearsing:
 
     def _show(self, number: int) -> None:
         self._hub.keep({"kind": "rehearsal"} | for_page(self._forecasts[number]))
+        self._hub.tell_plan()
 
     def _tell(self, at_once: bool = False) -> None:
         """How far it is; nothing is sent where nothing is new."""
@@ -210,15 +211,29 @@ class Rehearsing:
             "why": self._why,
             "again": self.repetition.again,
             "asked": self.repetition.basis is not None,
-            "stale": self._number in self._forecasts and self._basis() != self._basis_of.get(self._number),
+            "stale": self._number in self._forecasts and self._is_stale(),
             "current": self._water.current,
             "waves": self._water.waves,
             "has_waves": self._scenario.world.waves is not None,
         }
         self._sent_at = now
         if message != self._sent:
+            changed = message["stale"] != self._sent.get("stale")
             self._sent = message
             self._hub.keep(message)
+            if changed:  # what was said of rows does not hold any more
+                self._hub.tell_plan()
+
+    def remarks(self) -> list[dict[str, Any]]:
+        """What the rehearsal of the plan on the table gives reason to say, as checks of the plan."""
+        if self._number not in self._forecasts or self._is_stale():
+            return []
+        every = self._forecasts[self._number]["remarks"]
+        return [one | {"what": f"rehearsal: {one['what']}"} for one in every]
+
+    def _is_stale(self) -> bool:
+        """Whether plan or water have changed since."""
+        return self._basis() != self._basis_of.get(self._number)
 
     # The flight
 

@@ -5,6 +5,7 @@ import {drawChart} from '/static/chart_draw.js';
 import {Hands} from '/static/chart_edit.js';
 import {AreaForm, Menu, Notice, Tools, legend} from '/static/chart_panels.js';
 import {View, area, beside, boxOf, nearestLeg} from '/static/geometry.js';
+import {layer as rehearsal} from '/static/rehearsal_layer.js';
 import {Swath} from '/static/swath.js';
 import {SwathPanel} from '/static/swath_panel.js';
 import {Track} from '/static/track.js';
@@ -244,6 +245,8 @@ live.on('plan', plan => {
   model.plan = plan.submitted ? plan : {...plan, flown: []}; // what a scenario brings along is only drafted
   shown?.changed(fewer ? {pending: null, selected: null, hover: null} : {pending: null});
 });
+rehearsal.changed = () => shown?.surface.redraw();
+for (const kind of ['rehearsal', 'rehearsing']) live.on(kind, rehearsal.changed);
 live.on('rights', rights => {
   model.rights = rights;
   if (rights.may) shown?.changed({});
