@@ -28,6 +28,11 @@ def test_a_way_point_that_was_not_left_has_no_times():
     assert np.isnan(times_of(t[:50], mode[:50], 2)).all()
 
 
+def test_a_place_that_is_reached_by_diving_alone_has_no_leg():
+    t, mode = logged([(DIVE, 0, 9.0), (GO, 1, 6.0)])
+    assert times_of(t, mode, 2)[0] == pytest.approx([0.0, 9.0, 9.0, 9.0])
+
+
 def poses(t, times):
     """Along both legs at constant speed between its times, 0.1 m to starboard of them."""
     eta = np.zeros((len(t), 6))

@@ -39,7 +39,7 @@ def times_of(t: Float[np.ndarray, " n"], mode: Real[np.ndarray, "n 4"], count: i
         going, staying = rows[phase[rows] == GO], rows[phase[rows] == HOLD]
         begins, left = t[rows[0]], t[after[0]]
         reached = t[staying[0]] if staying.size else left
-        times[k] = begins, min(t[going[0]] if going.size else begins, reached), reached, left
+        times[k] = begins, min(t[going[0]] if going.size else reached, reached), reached, left
     return times
 
 

@@ -23,7 +23,7 @@ export function basis({vehicle, identified, drawn_from: from, draws, alike, leve
 /** Pairs of a name and a figure. */
 export function figures(message) {
   const {time_s: time, energy_wh: energy, charge, charge_by: by, margin, nearest_m: nearest, floor_by: floorBy} = message;
-  const rows = [['Time', between(time, lasting)], ['Energy', between(energy, wattHours)]];
+  const rows = [['Time', `${between(time, clock)} min`], ['Energy', between(energy, wattHours)]];
   rows.push(['Battery left', charge ? `${between(charge, percent)}; ${by}` : by]);
   if (margin !== null) rows.push(['Least thrust left', percent(Math.max(margin, 0))]);
   for (const [name, least] of Object.entries(nearest)) {
