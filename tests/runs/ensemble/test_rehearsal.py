@@ -24,7 +24,7 @@ POINTS = [([2.5, 0.0, 1.0], 0.0), ([2.5, 2.0, 1.5], 5.0)]
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
     """Two legs with a corner, a dive and a stay, over a floor, with a battery that counts."""
-    path = identified_vehicle(tmp_path_factory.mktemp("vehicle") / "identified.yaml")
+    path = identified_vehicle(tmp_path_factory.mktemp("vehicle") / "identified.yaml", 0.25)
     rest = "speed: 0.2, acceptance: 0.25"
     points = [f"{{position: {place}, {rest}, hold_time: {hold}}}" for place, hold in POINTS]
     changes = [f"vehicle={path}", "autopilot=model_based", "world.floor=3", "battery={charge: 0.5}", "name=short"]
@@ -64,8 +64,7 @@ def test_the_vehicle_as_it_is_known_flies_as_fly_does(rehearsal, nominal, tmp_pa
     mode = flight.log["autopilot/mode"]
     left = mode.t[np.flatnonzero(mode["waypoint"] >= 1)[0]]
     assert nominal.times[0, 3] == pytest.approx(left, abs=0.11)
-    charge = flight.log["battery/charge"] if "battery/charge" in flight.log else None
-    assert nominal.remains is not None and 0.4 < nominal.remains < 0.5 and charge is not False
+    assert nominal.remains is not None and 0.4 < nominal.remains < 0.5
 
 
 def test_what_is_hidden_or_breaks_is_not_rehearsed(scenario):
@@ -89,7 +88,8 @@ def test_bands_are_of_drawn_vehicles_and_hold_the_known_one(predicted, rehearsal
     assert np.all(low <= high) and np.all(high < hull) and np.all(hull < floor) and floor == pytest.approx(3.0)
     assert predicted["nearest_m"]["the floor"] == pytest.approx((floor - hull).min(), abs=0.01)
     port, starboard = (np.array(predicted["track"][side]) for side in ("port", "starboard"))
-    assert np.hypot(*(starboard - port).T).max() < 0.6
+    widths = np.hypot(*(starboard - port).T)
+    assert 0.05 < np.median(widths) < 0.8  # positions have a standard deviation of 0.3 m, each
     assert "shares" not in for_page(predicted)
 
 
