@@ -214,7 +214,7 @@ def flight(desk, rehearsing, tmp_path, monkeypatch):
 
     def go(**state):
         desk.client.last["state"].update(state)
-        ran(rehearsing.turn())
+        ran(rehearsing.look_at_flight())
         return looks
 
     go(folder=str(folder))
@@ -247,7 +247,7 @@ def test_the_end_of_the_mission_before_is_not_that_of_this_one(flight):
 def test_a_plan_that_was_not_rehearsed_is_not_compared(desk, rehearsing, tmp_path):
     desk.started()
     desk.client.last["state"].update(folder=str(tmp_path), phase="go")
-    ran(rehearsing.turn())
+    ran(rehearsing.look_at_flight())
     assert not (tmp_path / FILE).exists()
 
 

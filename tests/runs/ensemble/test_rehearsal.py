@@ -89,7 +89,7 @@ def test_bands_are_of_drawn_vehicles_and_hold_the_known_one(predicted, rehearsal
     assert predicted["nearest_m"]["the floor"] == pytest.approx((floor - hull).min(), abs=0.01)
     port, starboard = (np.array(predicted["track"][side]) for side in ("port", "starboard"))
     widths = np.hypot(*(starboard - port).T)
-    assert 0.05 < np.median(widths) < 0.8  # positions have a standard deviation of 0.3 m, each
+    assert 0.05 < np.median(widths) < 0.8  # acoustic positions have a standard deviation of 0.5 m
     assert "shares" not in for_page(predicted)
 
 

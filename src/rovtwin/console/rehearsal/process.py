@@ -121,8 +121,9 @@ class Rehearsing:
         """
         request, began = self._request, time.monotonic()
         self._doing(READING)
-        rehearsal = Rehearsal(request.scenario(scenario), 1.0 if request.charge is None else request.charge)
-        beside = self._beside(scenario, rehearsal)
+        charge, charge_by = charge_of(request, scenario)
+        rehearsal = Rehearsal(request.scenario(scenario), charge)
+        beside = self._beside(scenario, charge_by if rehearsal.supply.sources else _without_battery(rehearsal))
         if refused := [one.line for one in judge(rehearsal.scenario, rehearsal.base.model) if one.refused]:
             raise RovtwinError("; ".join(refused))
         self._doing(FLYING)
@@ -132,7 +133,7 @@ class Rehearsing:
         drawn = rehearsal.drawn(self._follow(DRAWN), short=fast.short)
         self._tell(forecast(rehearsal, nominal, drawn) | beside | {"whole": True, "took_s": time.monotonic() - began})
 
-    def _beside(self, scenario: Scenario, rehearsal: Rehearsal) -> dict[str, Any]:
+    def _beside(self, scenario: Scenario, charge_by: str) -> dict[str, Any]:
         """What the request adds to a forecast."""
         request = self._request
         return {
@@ -142,7 +143,7 @@ class Rehearsing:
             "heading_deg": request.heading_deg,
             "water": request.words(scenario),
             "floor_by": request.floor_by(scenario),
-            "charge_by": _charge_by(request, rehearsal),
+            "charge_by": charge_by,
         }
 
     def _follow(self, what: str) -> Callable[[float], None]:
@@ -160,11 +161,17 @@ class Rehearsing:
         self._pipe.send((self._request.number, {"forecast": data}))
 
 
-def _charge_by(request: Request, rehearsal: Rehearsal) -> str:
-    """What the charge at the start is known by, or that there is no battery to be empty."""
-    if not rehearsal.supply.sources:
-        name = rehearsal.base.vehicle.name
-        return f"{name}'s file has no battery: energy is that of the thrusters alone, and what is left is not known"
-    if request.charge is None:
-        return "taken as full at the start: no gauge is on board"
-    return f"{100.0 * request.charge:.0f} % at the start, by the gauge"
+def charge_of(request: Request, scenario: Scenario) -> tuple[float, str]:
+    """Charge of the emptiest battery at the start, 0 to 1, and what it is known by."""
+    if request.charge is not None:
+        return request.charge, f"{100.0 * request.charge:.0f} % at the start, by the gauge"
+    if scenario.battery is None or not request.is_twin:
+        return 1.0, "taken as full at the start: no gauge is on board"
+    given = scenario.battery.charge
+    least = min(given.values(), default=1.0) if isinstance(given, dict) else given
+    return least, f"{100.0 * least:.0f} % at the start, by the scenario: no gauge is on board"
+
+
+def _without_battery(rehearsal: Rehearsal) -> str:
+    name = rehearsal.base.vehicle.name
+    return f"{name}'s file has no battery: energy is that of the thrusters alone, and what is left is not known"

@@ -4,6 +4,7 @@ import asyncio
 import logging
 import math
 import time
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,7 @@ class Rehearsing:
         self.repetition = Repetition()
         self._water = Water()
         self._process: RehearsalProcess | None = None
+        self._one_at_a_time = asyncio.Lock()  # begins
         self._number, self._began = 0, 0.0
         self._doing: dict[str, Any] | None = None
         self._why, self._sent_at, self._sent = "", -1e9, {}
@@ -50,14 +52,15 @@ class Rehearsing:
     async def run(self) -> None:
         """Until cancelled."""
         try:
-            await asyncio.gather(self._again(), self._listen())
+            await asyncio.gather(self._again(self.turn), self._again(self.look_at_flight), self._listen())
         finally:
             await self._end_process()
 
-    async def _again(self) -> None:
+    @staticmethod
+    async def _again(look: Callable[[], Awaitable[None]]) -> None:
         while True:
             try:
-                await self.turn()
+                await look()
             except Exception:  # a mistake of ours must not end it
                 logger.exception("the rehearsal")
             await asyncio.sleep(LOOK)
@@ -86,11 +89,11 @@ class Rehearsing:
         return ""
 
     async def turn(self) -> None:
-        """Begin where it is time to, tell how far it is, look at the flight."""
-        if self.repetition.due(self._basis(), time.monotonic()):
-            await self._begin()
+        """Begin where it is time to, and tell how far it is."""
+        async with self._one_at_a_time:
+            if self.repetition.due(self._basis(), time.monotonic()):
+                await self._begin()
         self._tell()
-        await self._look_at_flight()
 
     # Asking
 
@@ -241,10 +244,10 @@ class Rehearsing:
         """A page has started the mission: what was predicted of it is kept, if it was rehearsed."""
         basis = self._basis_of.get(self._number)
         if basis is not None and basis[0] == self._basis()[0]:  # what is started is what is on the table
-            self._flying.append(self._number)
+            self._flying = [*(one for one in self._flying if one != self._number), self._number]
             self._reached, self._under_way = 0, False
 
-    async def _look_at_flight(self) -> None:
+    async def look_at_flight(self) -> None:
         """Keep what was predicted in the flight's folder; compare at the mission's end, and when the log closes."""
         state = self._hub.client.last.get("state", {})
         folder, phase = state.get("folder") or "", state.get("phase") or ""
