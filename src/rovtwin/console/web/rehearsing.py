@@ -100,8 +100,7 @@ class Rehearsing:
     def _basis(self) -> Any:
         """What a rehearsal rests on: the plan and the water; not where the vehicle is, which moves."""
         state = self._hub.client.last.get("state", {})
-        added = tuple(state.get("added_current") or (0.0, 0.0))
-        return tuple(tuple(row[key] for key in COLUMNS) for row in self._hub.draft.rows), self._water, added
+        return tuple(tuple(row[key] for key in COLUMNS) for row in self._hub.draft.rows), self._water, _added(state)
 
     def _require_possible(self) -> None:
         """Raise ConfigError where nothing can be rehearsed; the text says why."""
@@ -142,7 +141,7 @@ class Rehearsing:
             place=(float(eta[0]), float(eta[1]), float(eta[2])),
             heading_deg=math.degrees(eta[5]),
             water=self._water,
-            added=tuple(state.get("added_current") or (0.0, 0.0)),
+            added=_added(state),
             floor=None if height is None or self._is_twin else float(eta[2] + height),
             charge=battery,
             is_twin=self._is_twin,
@@ -280,6 +279,12 @@ class Rehearsing:
             await asyncio.to_thread(write_rehearsals, folder, flown)
         except RovtwinError as error:
             self._hub.say("warning", f"predicted against flown: {error}")
+
+
+def _added(state: dict[str, Any]) -> tuple[float, float]:
+    """Current that the twin has beside the scenario's [m/s]."""
+    north, east = state.get("added_current") or (0.0, 0.0)
+    return float(north), float(east)
 
 
 def _reading(sensors: dict[str, Any], kind: str) -> float | None:

@@ -81,8 +81,15 @@ def sortie_of(log: Log, places: Sequence[Sequence[float]]) -> Sortie:
     power = None
     if "sensor/battery" in log and len(log["sensor/battery"]):
         power = np.interp(rows, log["sensor/battery"].t, log.field("sensor/battery", "power"))
-    parts = (_at(log, f"autopilot/{name}", rows) for name in ("eta", "nu", "tau"))
-    return Sortie(rows - began, *parts, mode[:last], _at(log, "autopilot/command", rows, False), power)
+    return Sortie(
+        rows - began,
+        _at(log, "autopilot/eta", rows),
+        _at(log, "autopilot/nu", rows),
+        _at(log, "autopilot/tau", rows),
+        mode[:last],
+        _at(log, "autopilot/command", rows, False),
+        power,
+    )
 
 
 def _at(log: Log, name: str, t: Float[np.ndarray, " n"], between: bool = True) -> Float[np.ndarray, "n _"]:

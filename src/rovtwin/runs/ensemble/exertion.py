@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from rovtwin.core.numerics import as_array
 from rovtwin.simulation.battery import thruster_power
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.description.power import PowerSource
@@ -70,7 +71,8 @@ class Supply:
             thrust: Force of each thruster [N], every `dt` [s].
             dt: Between them.
         """
-        power = np.asarray(thruster_power(*self.specific.T, thrust))
+        ahead, astern = as_array(self.specific[:, 0]), as_array(self.specific[:, 1])
+        power = np.asarray(thruster_power(ahead, astern, as_array(thrust)))
         if not self.sources:
             return _summed(power.sum(axis=1, keepdims=True), dt)
         each = [power[:, list(one.feeds)].sum(axis=1) + one.hotel_load for one in self.sources]
