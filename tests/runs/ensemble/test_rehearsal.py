@@ -18,14 +18,14 @@ from rovtwin.scenario.files import load_scenario
 pytestmark = pytest.mark.system
 DRAWS = 19
 DRAG = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahead", "quadratic_damping_astern")
-POINTS = [([2.5, 0.0, 1.0], 0.0), ([2.5, 2.0, 1.5], 5.0)]
+POINTS = [([6.0, 0.0, 1.0], 0.0), ([6.0, 2.0, 1.5], 5.0)]
 
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
     """Two legs with a corner, a dive and a stay, over a floor, with a battery that counts."""
     path = identified_vehicle(tmp_path_factory.mktemp("vehicle") / "identified.yaml", 0.25)
-    rest = "speed: 0.2, acceptance: 0.25"
+    rest = "speed: 0.25, acceptance: 0.3"
     points = [f"{{position: {place}, {rest}, hold_time: {hold}}}" for place, hold in POINTS]
     changes = [f"vehicle={path}", "autopilot=model_based", "world.floor=3", "battery={charge: 0.5}", "name=short"]
     return load_scenario("lawnmower_calm", [*changes, f"mission.waypoints=[{', '.join(points)}]"])

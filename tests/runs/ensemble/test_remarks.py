@@ -37,7 +37,8 @@ def only(nominal, drawn=(GOOD, GOOD)):
     return remark
 
 
-def test_nothing_wrong_is_said_once():
+def test_where_nothing_is_wrong_one_remark_says_so():
+    assert only(GOOD, []).what == "the vehicle as it is known completes it, and touches nothing"
     assert only(GOOD).level == "ok" and "all 2 drawn vehicles complete it" in only(GOOD).what
 
 

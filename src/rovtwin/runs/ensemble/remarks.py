@@ -27,8 +27,8 @@ def remarks(nominal: Figures, drawn: Sequence[Figures]) -> list[Remark]:
     every = [*_ending(nominal, drawn), *_touching(nominal, drawn), *_thrust(nominal, drawn), *_charge(nominal, drawn)]
     every += [Remark("warning", line, named(line)) for line in nominal.unmet]
     if not every:
-        flown = f"the vehicle as it is known and all {len(drawn)} drawn vehicles complete it" if drawn else "completed"
-        return [Remark("ok", f"{flown}, and touch nothing", [])]
+        who = f"the vehicle as it is known and all {len(drawn)} drawn vehicles complete it, and touch nothing"
+        return [Remark("ok", who if drawn else "the vehicle as it is known completes it, and touches nothing", [])]
     return sorted(every, key=lambda one: one.level != "error")
 
 
