@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from tests.campaign.identified import identified_vehicle
 
+from rovtwin.core.errors import LogError
 from rovtwin.core.user_files.jsontext import to_json
 from rovtwin.runs.compose.composition import compose
-from rovtwin.runs.ensemble.comparison import Sortie, compared
+from rovtwin.runs.ensemble.comparison import Sortie, compared, sortie_of
 from rovtwin.runs.ensemble.flights import fly_one
 from rovtwin.runs.ensemble.forecast import for_page, forecast
 from rovtwin.runs.ensemble.rehearsal import Rehearsal, as_known
@@ -55,8 +56,13 @@ def predicted(rehearsal, nominal, drawn):
     return json.loads(to_json(forecast(rehearsal, nominal, drawn)))
 
 
-def test_the_vehicle_as_it_is_known_flies_as_fly_does(rehearsal, nominal, tmp_path):
-    flight = fly(rehearsal.scenario, tmp_path / "run")
+@pytest.fixture(scope="module")
+def flight(rehearsal, tmp_path_factory):
+    """The same mission by `fly`."""
+    return fly(rehearsal.scenario, tmp_path_factory.mktemp("run") / "run")
+
+
+def test_the_vehicle_as_it_is_known_flies_as_fly_does(rehearsal, nominal, flight):
     figures = flight.figures
     assert figures["completed"] and nominal.ended == ""
     assert nominal.lasting == figures["duration_s"]
@@ -82,7 +88,9 @@ def test_bands_are_of_drawn_vehicles_and_hold_the_known_one(predicted, rehearsal
     assert time["low"] <= time["value"] <= time["high"] and time["high"] - time["low"] < 0.2 * time["value"]
     reached = [point["reached"] for point in predicted["points"]]
     assert len(reached) == len(POINTS) and reached == sorted(reached)
-    assert all(0.0 < point["least_margin"] <= point["margin"] < 1.0 for point in predicted["points"])
+    for point in predicted["points"]:
+        assert point["early"] <= point["late"] < 1.3 * point["early"]
+        assert -1e-4 <= point["least_margin"] < 1.0 and -1e-4 <= point["margin"] < 1.0
     profile = predicted["profile"]
     low, high, hull, floor = (np.array(profile[name]) for name in ("low", "high", "hull", "floor"))
     assert np.all(low <= high) and np.all(high < hull) and np.all(hull < floor) and floor == pytest.approx(3.0)
@@ -91,6 +99,18 @@ def test_bands_are_of_drawn_vehicles_and_hold_the_known_one(predicted, rehearsal
     widths = np.hypot(*(starboard - port).T)
     assert 0.05 < np.median(widths) < 0.8  # acoustic positions have a standard deviation of 0.5 m
     assert "shares" not in for_page(predicted)
+
+
+def test_a_flight_is_read_from_its_log(predicted, rehearsal, nominal, flight):
+    one = sortie_of(flight.log, predicted["places"][1:])
+    assert one.t[-1] == pytest.approx(nominal.lasting, abs=0.2) and one.power is None and not one.by_hand
+    found = compared(predicted, one, rehearsal.base.vehicle, rehearsal.scenario.heading)
+    assert found["completed"] and found["reached"] == len(POINTS) and found["verdict"] in ("inside", "near")
+    energy = found["energy_wh"]
+    assert energy["by"] == "the thrusters' commands"
+    assert energy["flown"] == pytest.approx(nominal.whole / 3600.0, rel=0.1)
+    with pytest.raises(LogError, match="expected the one that was rehearsed"):
+        sortie_of(flight.log, [[0.0, 0.0, 9.0]])
 
 
 def sortie(flown):
@@ -118,7 +138,7 @@ def test_a_vehicle_with_twice_the_drag_is_not(predicted, rehearsal):
     found = held_against_it(predicted, rehearsal, compose(rehearsal.scenario, truth))
     assert found["verdict"] == "outside"
     surge = next(one for one in found["effort"] if one["axis"] == "surge")
-    assert surge["verdict"] == "outside" and surge["ratio"] > 1.5
+    assert surge["verdict"] == "outside" and surge["interval_95"][1] < surge["ratio"] < 2.0  # noise dilutes it
     assert found["energy_wh"]["inside"] is False and found["energy_wh"]["flown"] > found["energy_wh"]["predicted"]
 
 
