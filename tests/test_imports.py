@@ -151,7 +151,7 @@ LAYERS: dict[str, list[set[str]]] = {
     ],
     "console/web": [
         {"assessing", "browser", "camera_stream", "gate", "mesh", "own_views", "panels", "sea_check", "swath_layer"},
-        {"drafting", "page", "sockets"},
+        {"drafting", "page", "rehearsing", "sockets"},
         {"hub"},
         {"chart", "commissioning", "replays"},
         {"app"},
@@ -159,7 +159,7 @@ LAYERS: dict[str, list[set[str]]] = {
     "console": [
         {"assess", "clock", "control", "locks", "orders", "pictures", "surveys", "view", "wire", "worker"},
         {"camera", "chart", "client", "commissioning", "engine", "launch", "planning", "swath", "video"},
-        {"replays"},
+        {"rehearsal", "replays"},
         {"web"},
     ],
     "cli": [
@@ -178,6 +178,7 @@ LAYERS: dict[str, list[set[str]]] = {
         {"recording"},
         {"flight"},
         {"batch", "fly", "mapping", "smooth", "watch"},
+        {"ensemble"},
     ],
     "live": [
         {"manoeuvres", "readiness"},

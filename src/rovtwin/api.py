@@ -494,7 +494,8 @@ def run_campaign(
     require("pyarrow", "campaign", "run_campaign")
     from rovtwin.campaign.run import run_campaign as flown
     from rovtwin.campaign.schema import load_campaign
-    from rovtwin.campaign.workers import cores_here, on_this_machine
+    from rovtwin.campaign.workers import on_this_machine
+    from rovtwin.core.processes.cores import cores_here
 
     whole = load_campaign(file, samples)
     crew = on_this_machine(workers or min(cores_here(), whole.samples))

@@ -11,13 +11,13 @@ from tests.commission.proving.dossiers import Asked, identified_so_far, work_on
 
 from rovtwin.commission import predict, prove
 from rovtwin.commission.proving import prediction
-from rovtwin.commission.proving.bands import Held
-from rovtwin.commission.proving.efforts import Foreseen
 from rovtwin.commission.request import sha256
 from rovtwin.commission.stage import Check
 from rovtwin.core.errors import ConfigError
 from rovtwin.live import connect
 from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.ensemble.bands import Held
+from rovtwin.runs.ensemble.efforts import Foreseen
 
 DRAG = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahead", "quadratic_damping_astern")
 
@@ -100,12 +100,12 @@ def test_corners_move_inwards_where_drawn_flights_come_near_a_wall(monkeypatch, 
 
 
 def test_a_page_says_how_many_samples_there_are_and_how_many_count():
-    good = Held("north", 0.93, 760, 19.4, (0.8, 1.0), 0.3, 0.4, 0.003)
+    good = Held("north", 0.93, 760, 19.4, (0.8, 1.0), 0.3, 0.4, 0.003, 0.05, 0.0125)
     line = predict._path(good)
     assert line.verdict == "ok" and "93.0 % of 760 samples" in line.text and "as good as 19 independent" in line.text
-    near = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 5.0, 0.03))
+    near = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 5.0, 0.03, 0.05, 0.0125))
     assert near.verdict == "warning" and "0.03 m, 5.0 half-widths" in near.text and "dead zone" in near.fix
-    bad = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 15.0, 0.06))
+    bad = predict._path(Held("depth", 0.4, 760, 17.0, (0.8, 1.0), 1 / 80, 15.0, 0.06, 0.05, 0.0125))
     assert bad.verdict == "stop" and "15.0 half-widths" in bad.text and bad.fix
 
 

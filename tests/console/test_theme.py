@@ -6,7 +6,7 @@ import pytest
 from tests.console.conftest import STATIC
 
 WORDS = ["text", "muted", "accent", "ok", "warn", "danger"]
-DRAWN = ["line", "track", "plan", "truth", "reference", "water", "seen"]
+DRAWN = ["line", "track", "plan", "truth", "reference", "predicted", "water", "seen"]
 NEEDED = {"dark": (4.5, 3.0), "daylight": (7.0, 4.5)}  # of words, of what is drawn
 
 

@@ -5,7 +5,6 @@ Each gives the rows of portions of samples as they come, until asked to stop.
 
 import asyncio
 import logging
-import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
@@ -211,8 +210,3 @@ def on_slurm(jobs: int) -> Iterator[Workers]:
                 "~/.config/dask/jobqueue.yaml"
             ) from None
         yield Dask(stack.enter_context(_closing(Client(cluster))), f"{jobs} SLURM jobs")
-
-
-def cores_here() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -6,11 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.campaign.tuning.plants import plants_of
 from rovtwin.commission.evidence.room import LASTING, PLACE, from_the_middle, outside
-from rovtwin.commission.proving.bands import DRAWS, Held, Track, Verdict, held, track_of
-from rovtwin.commission.proving.efforts import Foreseen, agrees, effort
-from rovtwin.commission.proving.flights import drawn
+from rovtwin.commission.proving.bands import DRAWS, Track, held, track_of
 from rovtwin.commission.proving.missions import CLEAR, in_tank, open_water
 from rovtwin.commission.proving.prediction import BANDS, LABELS, Prediction, predicted
 from rovtwin.commission.proving.tuned import autopilot_of
@@ -22,6 +19,10 @@ from rovtwin.core.log import Log
 from rovtwin.core.user_files.config import parse
 from rovtwin.live.flight import fly_live
 from rovtwin.runs.compose.composition import compose, vehicle_of
+from rovtwin.runs.ensemble.bands import Held, Verdict
+from rovtwin.runs.ensemble.efforts import Foreseen, agrees, effort
+from rovtwin.runs.ensemble.flights import drawn
+from rovtwin.runs.ensemble.plants import plants_of
 from rovtwin.runs.flight import Flight
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle, load_vehicle

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from rovtwin.campaign.shares import needed
-from rovtwin.campaign.tuning.plants import Plants, plants_of
 from rovtwin.commission.proving.cells import (
     ASKED,
     OPEN,
@@ -25,6 +24,7 @@ from rovtwin.commission.stage import Check, Outcome
 from rovtwin.commission.work import Work
 from rovtwin.core.user_files.files import write_text
 from rovtwin.runs.compose.composition import Simulation, compose
+from rovtwin.runs.ensemble.plants import Plants, plants_of
 from rovtwin.vehicle import load_vehicle
 
 MISSIONS = "missions.csv"

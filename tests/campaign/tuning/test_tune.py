@@ -8,13 +8,13 @@ from tests.campaign.identified import identified_vehicle
 from rovtwin.campaign.tuning.cost import FAILED, TERMS, Cost, floors_of, terms_of, weights_of
 from rovtwin.campaign.tuning.flights import CHOOSING, HELD_OUT, TUNING, Crew, failures, fleet_of, seas_of, short_mission
 from rovtwin.campaign.tuning.parameters import TUNABLES, Space, chosen, start_of, value_of, with_values
-from rovtwin.campaign.tuning.plants import plants_of
 from rovtwin.campaign.tuning.result import Judged, Tuned, TuningRequest, paired
 from rovtwin.campaign.tuning.search import Search, search
 from rovtwin.campaign.tuning.tune import tune
 from rovtwin.campaign.tuning.writing import as_data, write_tuned
 from rovtwin.core.errors import ConfigError
 from rovtwin.runs.compose.autopilot import tuned_for_another
+from rovtwin.runs.ensemble.plants import plants_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import ModelBasedSection
 from rovtwin.vehicle import load_vehicle

@@ -2,30 +2,16 @@
 
 import numpy as np
 import pytest
+from tests.runs.ensemble.walks import SAMPLES, walks
 
 from rovtwin.commission.proving.bands import (
     AXES,
     DRAWS,
-    RANK,
     Track,
     band_of,
-    effective_of,
     held,
-    shares_inside,
     track_of,
 )
-
-SAMPLES = 300
-
-
-def walks(rng: np.random.Generator, count: int, memory: float = 0.98) -> np.ndarray:
-    """Correlated, skewed and unlike in their scale: shape (count, SAMPLES)."""
-    noise = rng.standard_normal((count, SAMPLES))
-    found = np.empty_like(noise)
-    found[:, 0] = noise[:, 0]
-    for k in range(1, SAMPLES):
-        found[:, k] = memory * found[:, k - 1] + np.sqrt(1 - memory**2) * noise[:, k]
-    return np.exp(0.5 * found) * np.exp(0.3 * rng.standard_normal((count, 1)))
 
 
 def tracks(curves: np.ndarray) -> list[Track]:
@@ -46,18 +32,6 @@ def test_the_band_holds_one_more_flight_with_95_percent():
     assert np.std(inside) > 3.0 * np.sqrt(0.95 * 0.05 / SAMPLES)  # correlated: 300 samples are not 300
 
 
-def test_shares_held_against_each_other_are_95_percent_on_average_exactly():
-    curves = walks(np.random.default_rng(2), DRAWS + 1)
-    assert np.mean(shares_inside(curves)) == pytest.approx(0.95, abs=1e-12)
-
-
-def test_a_share_against_the_others_is_that_of_their_band():
-    curves = walks(np.random.default_rng(3), DRAWS + 1)
-    ordered = np.sort(curves[:-1], axis=0)
-    inside = (curves[-1] >= ordered[RANK - 1]) & (curves[-1] <= ordered[-RANK])
-    assert shares_inside(curves)[-1] == np.mean(inside)
-
-
 def test_flights_that_are_alike_are_seldom_called_outside():
     rng = np.random.default_rng(4)
     verdicts = []
@@ -74,12 +48,6 @@ def test_another_flight_is_called_outside_on_the_axis_where_it_is():
     rows = held(band_of(drawn), Track(one_more.t, off, 0.0))
     assert [row.agrees for row in rows] == [True, False, True, True]
     assert rows[1].inside < 0.2 and rows[1].outside_by > 0.5
-
-
-def test_effective_samples_are_few_where_samples_are_correlated():
-    rng = np.random.default_rng(6)
-    white, slow = (effective_of(shares_inside(walks(rng, DRAWS, memory)), 0.95, SAMPLES) for memory in (0.0, 0.995))
-    assert slow < 0.2 * white <= SAMPLES
 
 
 def test_time_begins_when_the_first_corner_is_left_and_headings_are_unwrapped():

@@ -4,7 +4,6 @@ What is tuned are arrays of the composed loop, so that one compiled program flie
 sea, LANES of them side by side. It computes outside of the Python lock: threads fill the cores, and share programs.
 """
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from rovtwin.campaign.tuning.cost import terms_of
-from rovtwin.campaign.tuning.plants import Plants
 from rovtwin.core.arrays.rotations import heading_rotation
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
+from rovtwin.core.processes.cores import cores_here
 from rovtwin.core.user_files.config import parse
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.runs.batch import flown_together, same_program
@@ -27,6 +26,8 @@ from rovtwin.runs.compose.autopilot import autopilot_of
 from rovtwin.runs.compose.composition import Simulation, compose, vehicle_of, way_points
 from rovtwin.runs.compose.fitting import own_values
 from rovtwin.runs.compose.world import in_water
+from rovtwin.runs.ensemble.flights import LANES
+from rovtwin.runs.ensemble.plants import Plants
 from rovtwin.runs.limits import Limits
 from rovtwin.runs.run import CHUNK
 from rovtwin.runs.scoring.scores import Flown, score
@@ -41,7 +42,6 @@ SEAS = {"waves": "lawnmower_waves", "sea": "lawnmower_sea"}
 CALM = {"model": "thesis", "significant_height": 1e-6, "zero_crossing_period": 8.7, "drift": 0.0}
 USUAL_SEAS = ("calm", "waves")
 LONGEST = 300.0  # of a held-out flight [s]
-LANES = 10  # flights under vmap: half the time of one by one, and a generation has so many of each plant
 TIMED = 4.0 * CHUNK  # simulated, by which the pace of flights is known before they are flown [s]
 SHOWN = 4  # failed flights in a message
 Figures = dict[str, Any]
@@ -256,6 +256,6 @@ def _briefly(figures: Figures) -> str:
 @contextmanager
 def crew_of(workers: int | None = None) -> Iterator[Crew]:
     """Threads for as many cores as this process may use, or as said."""
-    count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    count = workers or cores_here()
     with ThreadPoolExecutor(count) as pool:
         yield Crew(pool, count)

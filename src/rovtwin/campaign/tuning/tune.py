@@ -19,11 +19,11 @@ from rovtwin.campaign.tuning.flights import (
     seas_of,
 )
 from rovtwin.campaign.tuning.parameters import Space, start_of, value_of, with_values
-from rovtwin.campaign.tuning.plants import Plants, plants_of
 from rovtwin.campaign.tuning.result import Judged, Tuned, TuningRequest
 from rovtwin.campaign.tuning.search import Search, population, search
 from rovtwin.campaign.tuning.time_limit import Clock, least_seconds
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.runs.ensemble.plants import Plants, plants_of
 from rovtwin.runs.interrupt import Interrupt
 from rovtwin.scenario.schema import ModelBasedSection
 

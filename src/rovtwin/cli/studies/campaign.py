@@ -90,7 +90,8 @@ def _some_flew(session: "CampaignSession") -> bool:
 def _workers(
     workers: int | None, scheduler: str | None, slurm: int | None, samples: int
 ) -> "AbstractContextManager[Workers]":
-    from rovtwin.campaign.workers import at_scheduler, cores_here, on_slurm, on_this_machine
+    from rovtwin.campaign.workers import at_scheduler, on_slurm, on_this_machine
+    from rovtwin.core.processes.cores import cores_here
 
     given = {"--workers": workers, "--scheduler": scheduler, "--slurm": slurm}
     if len(names := [name for name, value in given.items() if value is not None]) > 1:

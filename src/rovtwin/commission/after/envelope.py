@@ -13,7 +13,6 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from rovtwin.campaign.tuning.plants import Plants, plants_of
 from rovtwin.commission.after.issued import Issued
 from rovtwin.commission.proving.cells import OPEN, Cell, Place, flown_beside, largest_current
 from rovtwin.commission.proving.missions import open_water
@@ -24,6 +23,7 @@ from rovtwin.monitoring.factors import changed
 from rovtwin.monitoring.lost import Lost
 from rovtwin.monitoring.quantities import LEARNT
 from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.ensemble.plants import Plants, plants_of
 from rovtwin.runs.watch import WatchedRun
 from rovtwin.vehicle.physics.model import Model
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from rovtwin.campaign.shares import at_least, needed, share_interval
-from rovtwin.campaign.tuning.plants import Plants
-from rovtwin.commission.proving.flights import drawn, fly_all
 from rovtwin.commission.proving.missions import sea
 from rovtwin.runs.compose.composition import Simulation
+from rovtwin.runs.ensemble.flights import drawn, fly_all
+from rovtwin.runs.ensemble.plants import Plants
 from rovtwin.runs.scoring.depths import not_at_depth
 from rovtwin.runs.scoring.scores import Flown, score
 from rovtwin.runs.scoring.summary import ending

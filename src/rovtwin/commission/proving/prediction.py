@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.commission.proving.bands import AXES, UNITS, Band, Track, band_of, track_of_flown
-from rovtwin.commission.proving.efforts import Foreseen, effort_of_flown, foreseen
-from rovtwin.commission.proving.flights import fly_all
+from rovtwin.commission.proving.bands import AXES, UNITS, Corridor, Track, band_of, track_of_flown
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.files import cannot, write_text
 from rovtwin.planning.tank import Tank
 from rovtwin.report.parts.page import save
 from rovtwin.report.studies.prediction import prediction_figure
 from rovtwin.runs.compose.composition import Simulation
+from rovtwin.runs.ensemble.efforts import Foreseen, effort_of_flown, foreseen
+from rovtwin.runs.ensemble.flights import fly_all
 from rovtwin.runs.scoring.scores import Flown, finished
 
 BANDS, EFFORTS, FIGURE = "prediction.csv", "prediction_effort.csv", "prediction"
@@ -35,7 +35,7 @@ class Prediction:
         lasting: From arming to the end [s].
     """
 
-    band: Band
+    band: Corridor
     efforts: list[Foreseen]
     room: float
     lasting: float
@@ -90,7 +90,7 @@ def _room(flown: Flown, tank: Tank, around: float) -> float:
     return float((0.5 * np.array(tank.sizes[:2]) - away).min() - around)
 
 
-def _bands(band: Band) -> str:
+def _bands(band: Corridor) -> str:
     """Lower end, upper end and median of each axis over time."""
     names = [f"{axis}_{what}_{unit}" for axis, unit in LABELS for what in ("low", "high", "median")]
     rows = [

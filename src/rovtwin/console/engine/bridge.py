@@ -253,6 +253,8 @@ class Bridge:
         session = self._engine.session
         fault, text = _fault(order, session.simulation.thruster_names, session.simulation.sensor_names)
         session.link.tell(fault)
+        if order.fault == "current":
+            self._engine.added_current = fault[1], fault[2]
         self._engine.event("warning", f"injected: {text}")
 
 

@@ -48,6 +48,7 @@ class Engine:
         count: Way-points of the mission that was started.
         over: Whether to end.
         test: That is flown in place of a mission, or None.
+        added_current: Current that was put into the twin's water beside the world's own, north and east [m/s].
     """
 
     def __init__(self, config: EngineConfig, news: str, speed: float = 1.0, runs: str | Path = "runs"):
@@ -65,6 +66,7 @@ class Engine:
         self.test = Manoeuvres(config.scenario) if config.scenario.test else None
         self.plan: list[Waypoint] = list(config.scenario.waypoints)
         self.submitted, self.count = False, 0
+        self.added_current = 0.0, 0.0
         self._operator_at = time.monotonic()
         self._pilot_command, self._commanded_at = NO_PILOT_COMMAND, -np.inf
         self._changes = Changes()
@@ -331,6 +333,7 @@ class Engine:
 
     def _let_go(self, ending: str) -> None:
         ticker, self._ticker = self._ticker, None
+        self.added_current = 0.0, 0.0  # a twin that is opened anew has none
         self.switch.off()
         try:
             if ticker is not None:
@@ -385,6 +388,7 @@ class Engine:
             "stopped": self.switch.stopped,
             "operator_age": now - self._operator_at,
             "submitted": self.submitted,
+            "added_current": self.added_current,
             "folder": self._logbook.folder,
         }
         ticker = self._ticker

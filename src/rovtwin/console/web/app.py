@@ -25,6 +25,7 @@ from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.own_views import OwnViews
 from rovtwin.console.web.page import page
+from rovtwin.console.web.rehearsing import Rehearsing
 from rovtwin.console.web.replays.routes import add_replay
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.web.swath_layer import SwathLayer
@@ -111,7 +112,10 @@ def build(
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
     app.on_startup(lambda: tasks.append(asyncio.create_task(own.run())))
     app.on_startup(lambda: tasks.append(asyncio.create_task(swath.run())))
-    if scenario.test is not None:
+    if scenario.test is None:
+        rehearsing = Rehearsing(hub, scenario, is_twin)
+        app.on_startup(lambda: tasks.append(asyncio.create_task(rehearsing.run())))
+    else:
         assessing = Assessing(hub, scenario, vehicle)
         app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))
     app.on_startup(lambda: _when_ended(hub.client.off))

@@ -31,11 +31,13 @@ class Drafting:
 
     Attributes:
         checks: What there is to say of the draft: `level` is ok, warning or error.
+        refusals: Those of the autopilot for which it would not take it.
     """
 
     def __init__(self, hub: "Hub", worker: Worker, sea: SeaCheck):
         self._hub, self._worker, self._sea = hub, worker, sea
         self.checks: list[dict[str, str]] = []
+        self.refusals: list[dict[str, str]] = []
         self._one_at_a_time = asyncio.Lock()
         self._look: asyncio.Task[None] | None = None  # that waits to begin
         self._resting = -math.inf  # until when none is taken [s, of the event loop]
@@ -156,7 +158,7 @@ class Drafting:
         """Ask the engine what it thinks of the draft."""
         rows = self._hub.draft.rows
         if not rows:
-            self.checks = []
+            self.checks = self.refusals = []
             self._sea.ask([], self._add_check)
             return
         try:
@@ -164,6 +166,7 @@ class Drafting:
             self.checks = found.get("checks", [])
         except LinkError as error:
             self.checks = [{"level": "error", "what": str(error)}]
+        self.refusals = [one for one in self.checks if one["level"] == "error"]
         self._sea.ask(rows, self._add_check)
 
     def _add_check(self, check: dict[str, str]) -> None:

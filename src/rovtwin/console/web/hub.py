@@ -81,6 +81,8 @@ class Hub:
         submitted_area: What the plan that was submitted last surveys, or None.
         worker: Reads files and lays surveys out, in a process of its own.
         others: Orders that are done elsewhere, by name; only the page in control gives them.
+        started: Called when a page has started the mission.
+        more_checks: What there is to say of the draft beside `drafting.checks`.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
@@ -97,6 +99,8 @@ class Hub:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._kept: dict[str, str] = {}
         self.others: dict[str, Callable[[dict[str, Any]], Awaitable[str]]] = {}
+        self.started: Callable[[], None] = lambda: None
+        self.more_checks: Callable[[], list[dict[str, Any]]] = list
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -198,7 +202,7 @@ class Hub:
             "redo": self.draft.can_redo,
             "length": self.draft.length(),
             "seconds": self.draft.seconds(),
-            "checks": self.drafting.checks,
+            "checks": [*self.drafting.checks, *self.more_checks()],
             "largest": MOST_UPLOAD,
         }
 
@@ -241,6 +245,8 @@ class Hub:
             return await self.drafting.do(what)
         elif do in PLAIN:
             await self.client.ask(do)
+            if do == "start":
+                self.started()
         elif do in FULL:
             await self.client.ask(do, **what)
             if do == "fence":

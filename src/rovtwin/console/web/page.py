@@ -24,6 +24,7 @@ def page(is_test: bool = False, own: Sequence[str] = ()) -> None:
         with ui.element("div").classes("views"):  # in NiceGUI's own main
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
             right = {"Camera": hud, "Plots": later("plots"), "Changes": later("changes")}
+            right |= {} if is_test else {"Rehearsal": later("rehearsal")}
             tabs("right", "Views, right", right, own)
             tabs("side", "Actions", acting | {title: section(name) for title, name in forms.items()})
         with ui.element("footer").classes("strip"):

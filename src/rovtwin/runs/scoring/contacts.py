@@ -18,6 +18,7 @@ from rovtwin.vehicle import Model
 
 TOGETHER = 1.0  # touches with less than that between them are reported as one [s]
 LISTED = 3  # touches of one thing that are reported by their times, the longest first
+FLOOR = "the floor"
 FIT = "identify knows no such force and takes it for the vehicle's own: test in more water, or with shorter steps"
 
 
@@ -32,7 +33,7 @@ def touched(flown: Flown, model: Model, world: World, test: bool) -> list[str]:
     """
     if flown.pose is None:
         return []
-    reaches = dict(_beyond_walls(flown.pose, model, world))
+    reaches = dict(beyond_walls(flown.pose, model, world))
     if test and world.surface is not None and world.waves is None:
         reaches["the surface"] = _above(flown.pose, model, float(world.surface))
     lines = []
@@ -43,10 +44,10 @@ def touched(flown: Flown, model: Model, world: World, test: bool) -> list[str]:
     return lines
 
 
-def _beyond_walls(
+def beyond_walls(
     pose: Float[np.ndarray, "m 6"], model: Model, world: World
 ) -> Iterator[tuple[str, Float[np.ndarray, " m"]]]:
-    """Name of each plane, and how far the hull's outermost corner is beyond it [m]."""
+    """Name of each of walls and floor, and how far the hull's outermost corner is beyond it at each pose [m]."""
     if world.walls is None:
         return
     from scipy.spatial.transform import Rotation
@@ -65,7 +66,7 @@ def _beyond_walls(
 def _name(normal: Float[np.ndarray, "*axes 3"]) -> str:
     """Of a plane by its outward normal, or of many of a floor that is not level."""
     if normal.ndim > 1 or normal[2] > 0.5:
-        return "the floor"
+        return FLOOR
     side = {(1, 0): "northern", (-1, 0): "southern", (0, 1): "eastern", (0, -1): "western"}
     return f"the {side[(round(float(normal[0])), round(float(normal[1])))]} wall"
 

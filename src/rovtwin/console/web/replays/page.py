@@ -5,6 +5,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
+from rovtwin.console.rehearsal.flight import FILE
 from rovtwin.console.replays.replay import Recording
 from rovtwin.console.web.page import bar, head, later, section, tabs
 from rovtwin.console.web.panels.chart import chart
@@ -23,7 +24,9 @@ def replay_page(recording: Recording, run: str, flies: bool) -> None:
         ui.element("div").props('id=alerts role=region aria-label="Alerts"')
         with ui.element("div").classes("views"):
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
-            tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots")})
+            right = {"Camera": hud, "Plots": later("plots")}
+            right |= {"Rehearsal": later("rehearsal")} if (recording.path.parent / FILE).is_file() else {}
+            tabs("right", "Views, right", right)
             tabs("side", "Runs", {"Runs": section("runs")})
         ui.element("section").props('id=timeline aria-label="Time line of the run"')
         with ui.element("footer").classes("strip"):

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from rovtwin.console.rehearsal.flight import rehearsals_of
 from rovtwin.console.replays.history import history
 from rovtwin.console.replays.marks import marks_of
 from rovtwin.console.replays.replay import LOG, Recording
@@ -22,6 +23,7 @@ from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.wire import encode
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.log import Log
+from rovtwin.runs.ensemble.forecast import for_page
 
 STATES = 0.05  # between two states while it plays [s]
 PACES = (0.1, 50.0)  # slowest and fastest
@@ -58,11 +60,17 @@ class Replaying:
         except ConfigError as error:
             self.looks = None
             recording.notes.append(f"no looks of the vehicle: {error}")
+        try:
+            rehearsed = rehearsals_of(recording.path.parent)
+        except RovtwinError as error:
+            rehearsed = []
+            recording.notes.append(str(error))
         marks = marks_of(recording)
         self._messages = [
             self._setup(),
             {"kind": "marks", "marks": marks},
             {"kind": "history", "events": marks},
+            *({"kind": "rehearsal"} | for_page(one) for one in rehearsed[-1:]),
         ]
 
     @cached_property

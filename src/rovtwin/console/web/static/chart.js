@@ -8,6 +8,7 @@ import {Ruler} from '/static/chart_measure.js';
 import {AreaForm, Menu, Notice, Tools, legend} from '/static/chart_panels.js';
 import {copied, mapText, onPlaces} from '/static/places.js';
 import {View, area, beside, boxOf, nearestLeg} from '/static/geometry.js';
+import {layer as rehearsal} from '/static/rehearsal_layer.js';
 import {Swath} from '/static/swath.js';
 import {SwathPanel} from '/static/swath_panel.js';
 import {Track} from '/static/track.js';
@@ -272,6 +273,8 @@ live.on('plan', plan => {
   model.plan = plan.submitted ? plan : {...plan, flown: []}; // what a scenario brings along is only drafted
   shown?.changed(fewer ? {pending: null, selected: null, hover: null} : {pending: null});
 });
+rehearsal.changed = () => shown?.surface.redraw();
+for (const kind of ['rehearsal', 'rehearsing']) live.on(kind, rehearsal.changed);
 live.on('rights', rights => {
   model.rights = rights;
   if (rights.may) shown?.changed({});

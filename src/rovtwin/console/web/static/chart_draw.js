@@ -3,6 +3,7 @@ import {FONT, colour} from '/static/canvas.js';
 import {drawRuler} from '/static/chart_measure.js';
 import {faultsOf} from '/static/faults.js';
 import {drawAxes, drawRoses, drawScaleBar, label} from '/static/chart_rulers.js';
+import {layer as rehearsal} from '/static/rehearsal_layer.js';
 import {ellipseAxes, placed, thinned} from '/static/geometry.js';
 
 const SMALLEST = 28; // a vehicle that would be shorter than this is drawn as an arrow of this length [px]
@@ -21,6 +22,7 @@ export function drawChart(context, chart) {
   chart.swath.draw(context, view, state?.t ?? 0);
   drawRoom(context, view, model.setup);
   chart.layers.dives.draw(context, view);
+  rehearsal.draw(context, view);
   drawLegs(context, chart);
   drawTrack(context, view, chart.track.points);
   drawWaypoints(context, chart);

@@ -79,6 +79,8 @@ export function legend() {
     ['is-flown', 'plan being flown'],
     ['is-leg', 'leg being flown'],
     ['is-draft', 'plan being drafted'],
+    ['is-rehearsed', 'rehearsed track', 'of-rehearsal'],
+    ['is-corridor', 'its corridor', 'of-rehearsal'],
     ['is-once', 'floor seen once', 'of-swath'],
     ['is-more', 'seen more often', 'of-swath'],
     ['is-gap', 'not seen of the area', 'of-swath'],

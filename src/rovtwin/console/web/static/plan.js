@@ -1,11 +1,12 @@
 /** The plan on the table: way-points as rows, templates, files, checks, submit and start. */
 import {make, mount} from '/static/canvas.js';
-import {lasting} from '/static/clock.js';
+import {clock, lasting} from '/static/clock.js';
 import {faultsOf, pointsOf} from '/static/faults.js';
 import {live} from '/static/live.js';
 import {showReply, toast} from '/static/page.js';
 import {angleOf, angleText, geodetic, onPlaces, placesAs, placesChoice} from '/static/places.js';
 import {files} from '/static/plan_files.js';
+import {arrival, going, thrustLeft} from '/static/rehearsal_words.js';
 
 const COLUMNS = [
   ['x', 'North [m]', 0.1], ['y', 'East [m]', 0.1], ['depth', 'Depth [m]', 0.1], ['speed', 'Speed [m/s]', 0.05],
@@ -155,6 +156,34 @@ function checked(message, rows) {
   });
 }
 
+/** When each way-point is reached by the rehearsal, under its number. */
+function showArrivals(body) {
+  const points = live.last.rehearsing?.stale ? [] : live.last.rehearsal?.points ?? [];
+  for (const line of body.children) {
+    const point = points[Number(line.dataset.i)];
+    const head = line.firstElementChild;
+    head.querySelector('small')?.remove();
+    if (!point) continue;
+    const title = `rehearsed: reached at ${arrival(point)}, thrust left ${thrustLeft(point)}`;
+    head.append(make('small', {title}, clock(point.reached)));
+  }
+}
+
+/** Rehearse, whether it is repeated, and how far it is. */
+function rehearsing() {
+  const begin = button('Rehearse', 'Fly the plan on the twin, before it is flown', () => showReply(live.send({do: 'rehearse', op: 'now'})), 'rehearse');
+  const again = make('input', {type: 'checkbox', id: 'rehearse-again', checked: true});
+  again.addEventListener('change', () => showReply(live.send({do: 'rehearse', op: 'again', on: again.checked})));
+  const say = make('span', {class: 'muted rehearsing', role: 'status'});
+  const show = message => {
+    again.checked = message.again;
+    const text = going(message);
+    if (say.textContent !== text) say.textContent = text;
+  };
+  const repeated = make('label', {title: 'Again whenever plan, current or sea change'}, again, ' repeat');
+  return {element: make('div', {class: 'line'}, begin, repeated, say), show};
+}
+
 /** Marks the rows of way-points that have faults. */
 function markRows(body, checks) {
   const faults = faultsOf(checks);
@@ -196,7 +225,8 @@ mount('plan', section => {
   const abort = order('Abort', 'Abort: thrusters off', 'abort', 'abort');
   let newest = adding();
   const places = placesChoice();
-  section.append(newest, make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files(plan), places.element), table, say, checks,
+  const rehearsal = rehearsing();
+  section.append(newest, make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files(plan), places.element), table, say, checks, rehearsal.element,
     make('div', {class: 'line'}, submit, start, pause, resume, hold, abort));
 
   table.addEventListener('keydown', event => { // on a row, not in what is typed there
@@ -232,8 +262,11 @@ mount('plan', section => {
       say.textContent = summary(message);
       checks.replaceChildren(...checked(message, lines));
       markRows(body, message.checks);
+      showArrivals(body);
       able();
     }),
+    live.on('rehearsal', () => showArrivals(body)),
+    live.on('rehearsing', message => { rehearsal.show(message); showArrivals(body); }),
     live.on('rights', able),
     places.release,
     onPlaces(() => { // written in another way: everything that holds a place
@@ -243,6 +276,7 @@ mount('plan', section => {
       titled();
       if (live.last.plan) lines.show(live.last.plan.draft);
       if (live.last.plan) markRows(body, live.last.plan.checks);
+      showArrivals(body);
       able();
     }),
   ];

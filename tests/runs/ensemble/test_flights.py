@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from tests.campaign.identified import identified_vehicle
 
-from rovtwin.campaign.tuning.flights import LANES
-from rovtwin.campaign.tuning.plants import plants_of
-from rovtwin.commission.proving import flights
 from rovtwin.commission.proving.missions import open_water
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.user_files.config import parse
 from rovtwin.runs.batch import same_program
 from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.ensemble import flights
+from rovtwin.runs.ensemble.flights import LANES
+from rovtwin.runs.ensemble.plants import plants_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import load_vehicle
 

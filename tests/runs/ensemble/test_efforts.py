@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.commission.proving.efforts import agrees, effort, foreseen
+from rovtwin.runs.ensemble.efforts import agrees, effort, foreseen
 
 
 def test_the_effort_of_quadratic_drag_is_its_coefficient():

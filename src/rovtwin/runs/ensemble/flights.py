@@ -4,22 +4,25 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from rovtwin.campaign.tuning.flights import LANES
-from rovtwin.campaign.tuning.plants import Plants
-from rovtwin.campaign.workers import cores_here
+from rovtwin.core.processes.cores import cores_here
 from rovtwin.core.user_files.config import parse
 from rovtwin.runs.batch import flown_together, same_program
 from rovtwin.runs.compose.composition import Simulation, keys_of, start_of
 from rovtwin.runs.compose.world import plant_of, world_of
-from rovtwin.runs.run import CHUNK
+from rovtwin.runs.ensemble.plants import Plants
+from rovtwin.runs.loop import SHORT
+from rovtwin.runs.recording.recorder import Recorder
+from rovtwin.runs.run import CHUNK, chunks
 from rovtwin.runs.scoring.scores import Flown
 from rovtwin.scenario.schema import WorldSection
 
+LANES = 10  # flights under vmap: half the time of one by one, and a generation of a tuning has so many of each plant
 LOOK = 0.5  # between looks at how far the flights are [s]
+T = TypeVar("T")
 Progress = Callable[[float], None]  # share of the flights done, 0 to 1
 
 
@@ -51,37 +54,79 @@ def fly_all(runs: Sequence[Simulation], progress: Progress = lambda share: None)
 
     Args:
         runs: Ready to fly.
-        progress: Called now and then from this thread.
+        progress: Called now and then from this thread; what it raises ends all.
     """
     portions = [group[i : i + LANES] for group in same_program(runs) for i in range(0, len(group), LANES)]
+
+    def fly(portion: Sequence[int], look: Progress) -> list[Flown]:
+        several = [runs[i] for i in portion]
+        full = [*several, *[several[-1]] * (LANES - len(several))]  # one shape, one program
+        return flown_together(full, lambda share, flying: look(share))[: len(several)]
+
+    _compile([runs[portion[0]] for portion in portions])
+    return _in_threads(portions, fly, progress)
+
+
+def fly_each(
+    runs: Sequence[Simulation],
+    then: Callable[[Flown, Simulation], T],
+    progress: Progress = lambda share: None,
+    short: Callable[[], int] = lambda: SHORT,
+) -> list[T]:
+    """What `then` makes of each flight, in their order; one by one in each thread.
+
+    Args:
+        runs: Ready to fly.
+        then: Called in the thread that flew; the flight itself is not kept.
+        progress: Called now and then from this thread; what it raises ends all.
+        short: From which tick on a flight that begins now is flown by the optimised program, see `loop.SHORT`.
+    """
+
+    def fly(portion: Sequence[int], look: Progress) -> list[T]:
+        return [then(fly_one(runs[i], look, short()), runs[i]) for i in portion]
+
+    return _in_threads([[i] for i in range(len(runs))], fly, progress)
+
+
+def fly_one(run: Simulation, progress: Progress = lambda share: None, short: int = SHORT) -> Flown:
+    """One flight, that of `rovtwin fly`; arguments as of `fly_each`."""
+    scenario, recorder = run.scenario, Recorder(run.scenario)
+    for record in chunks(run.loop, run.key, run.start, scenario.control_dt, scenario.duration, short):
+        recorder.take(record)
+        progress(min(recorder.seconds / scenario.duration, 1.0))
+    return recorder.flown()
+
+
+def _in_threads(
+    portions: Sequence[Sequence[int]], fly: Callable[[Sequence[int], Progress], list[T]], progress: Progress
+) -> list[T]:
+    """What `fly` gives of the flights of all portions, in the order of their numbers."""
     shares, ended = [0.0] * len(portions), threading.Event()
 
-    def fly(number: int) -> list[Flown]:
-        portion = [runs[i] for i in portions[number]]
-
-        def look(share: float, flying: int) -> None:
+    def work(number: int) -> list[T]:
+        def look(share: float) -> None:
             shares[number] = share
             if ended.is_set():
                 raise InterruptedError
 
-        full = [*portion, *[portion[-1]] * (LANES - len(portion))]  # one shape, one program
-        return flown_together(full, look)[: len(portion)]
+        results = fly(portions[number], look)
+        shares[number] = 1.0
+        return results
 
-    _compile([runs[portion[0]] for portion in portions])
-    found: dict[int, Flown] = {}
+    results: dict[int, T] = {}
     with ThreadPoolExecutor(cores_here()) as pool:
-        flying = {pool.submit(fly, number): portions[number] for number in range(len(portions))}
+        flying = {pool.submit(work, number): portion for number, portion in enumerate(portions)}
         try:
             waiting = set(flying)
             while waiting:
                 done, waiting = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
                 for future in done:
-                    found |= dict(zip(flying[future], future.result(), strict=True))
+                    results |= dict(zip(flying[future], future.result(), strict=True))
                 progress(sum(shares) / len(shares))
         finally:
             ended.set()  # Ctrl-C and errors end the other threads, too
             pool.shutdown(cancel_futures=True)
-    return [found[i] for i in range(len(runs))]
+    return [results[i] for i in range(len(results))]
 
 
 def _compile(firsts: Sequence[Simulation]) -> None:

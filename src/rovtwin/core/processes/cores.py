@@ -1,0 +1,8 @@
+"""How much of a computer this process may use."""
+
+import os
+
+
+def cores_here() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
