@@ -89,7 +89,7 @@ class Drafting:
             raise ConfigError(NO_DATUM)
         rows = self._hub.draft.rows
         row = rows[i] if i is not None and i < len(rows) else {}
-        known = [float(v) for v in datum.geodetic([row["x"], row["y"], row["depth"]])] if row else [None, None]
+        known = [float(v) for v in datum.geodetic([row["x"], row["y"], row["depth"]])[:2]] if row else [None, None]
         latitude, longitude = (what.get(key, value) for key, value in zip(ON_MAP, known, strict=True))
         depth = columns.get("depth", row.get("depth", 0.0))
         if not (is_finite(latitude) and is_finite(longitude) and is_finite(depth)):
