@@ -41,6 +41,29 @@ def test_the_displacement_is_found_to_its_stated_uncertainty(dives):
     assert 0.2 < normalised < 3.5
 
 
+def test_the_displacement_jumps_where_one_line_of_a_survey_ends_and_the_next_begins():
+    """By 24 mm, of which nothing is stated; beside the seam, and where a survey does not say which line saw what."""
+    rng = np.random.default_rng(4)
+    floor = seabed.albedo(rng, SHAPE)
+    line = np.broadcast_to(np.arange(SHAPE[1]) >= 150, SHAPE).astype(float)
+    (first, u_1), (second, u_2) = (
+        seabed.seen(rng, floor, shift, 0.004, jump=jump)
+        for shift, jump in (((0, 0), 0.0), ((0.03, 0.02), 0.024 * line))
+    )
+    a, b = (channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in (first, second))
+    x, y = (without_trend(one.value, round(detect.TREND * LEAST / CELL)).mean(axis=2) for one in (a, b))
+    seam = (slice(25, -25), np.r_[139:148, 153:162])
+    errors = {}
+    for name, lines in (("known", (np.zeros(SHAPE), line)), ("not", None)):
+        moved = displacement(x, y, CELL, 0.2, 0.017, lines)
+        assert moved is not None
+        error = (moved.shift - (u_2 - u_1))[seam] * CELL
+        errors[name] = np.sqrt(np.mean(error**2))
+        if name == "known":
+            assert 0.2 < np.mean((error / moved.sd[seam][:, :, None] / CELL) ** 2) < 4.0
+    assert errors["known"] < 0.003 and errors["known"] < 0.5 * errors["not"], errors
+
+
 def test_planted_squares_are_found_and_little_else(dives):
     a, b, moved, places, _ = dives
     test = detect.tested(a, b, moved, CELL, LEAST, 0.05)

@@ -23,7 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import binary_dilation
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import binary_dilation, map_coordinates
 from scipy.optimize import nnls
 from scipy.stats import chi2, f
 
@@ -37,6 +38,8 @@ _CLASS = 20  # cells of a class, at the least, for a spread to be read off them
 FEWEST = _ALIKE[0] * _ALIKE[1] * (_CLASS + 1)  # cells with which all classes have so many
 _FAR = 1e-3  # chance of a cell that may have changed, when nu is read a second time
 _TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
+_ABOUT = 10.0  # times the least thing: over which differences are as large as about each cell
+_STATED = 10.0  # boxes of the least thing that the stated variance counts for beside them
 _NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
 
 
@@ -124,7 +127,7 @@ def tested(
         counted = box_mean(noise @ shape**2, box)[0] / np.maximum(cells, 1.0)
         found, variance = _explained(mean, [grain, counted, steep * moved.sd**2])
         parts.append(tuple(float(value) for value in found))
-        spread.append(np.sqrt(variance))
+        spread.append(np.sqrt(variance * _about(mean**2 / variance, box)))
     scale = _student(D, np.stack(shapes, axis=1), np.stack(spread, axis=2), box)
     statistic = scale.statistic(D @ scale.shapes)
     chance = scale.chance(statistic)
@@ -165,6 +168,27 @@ def _explained(
     found = nnls(X / scale / y[:, None], np.ones(len(y)))[0] / scale  # each class's spread counts as a share of itself
     variance = found[0] + sum(factor * term for factor, term in zip(found[1:], terms, strict=True))
     return found, np.where(seen, np.maximum(variance, 1e-12), np.nan)
+
+
+def _about(ratio: Float[np.ndarray, "row column"], box: int) -> Float[np.ndarray, "row column"]:
+    """By what factor differences about each cell are larger than stated: the median of squares over their variance.
+
+    Radar sets its threshold by the clutter about each cell in this way; of an order of them, the few that changed are
+    no more than so many cells.
+    """
+    step, side = max(box // 2, 1), round(_ABOUT * box / max(box // 2, 1))
+    half = side // 2
+    some = np.pad(ratio[::step, ::step], half, constant_values=np.nan)
+    found = np.empty(tuple(n - 2 * half for n in some.shape))
+    for row in range(len(found)):
+        windows = sliding_window_view(some[row : row + 2 * half + 1], (2 * half + 1, 2 * half + 1))[0]
+        ordered = np.sort(windows.reshape(len(windows), -1), axis=1)  # those without a number come last
+        count = np.isfinite(ordered).sum(axis=1)
+        middle = np.take_along_axis(ordered, (count // 2)[:, None], axis=1)[:, 0]
+        boxes = count * (step / box) ** 2
+        found[row] = (np.where(count > 0, boxes * middle / chi2.ppf(0.5, 1), 0.0) + _STATED) / (boxes + _STATED)
+    rows, columns = np.meshgrid(*(np.arange(n) / step for n in ratio.shape), indexing="ij")
+    return map_coordinates(found, [rows, columns], order=1, mode="nearest")
 
 
 def _student(

@@ -20,6 +20,7 @@ from rovtwin.runs.mapping.result import Mosaic
 CHANNELS, FIRST, LAST = 6, 420.0, 690.0  # compared are means over so many groups of bands between these [nm]
 ABSOLUTE, WITHIN = 0.3, 0.03  # standard deviations of places that a mosaic does not state [m]
 _ROOM = 0.1  # farther than four standard deviations that the second may lie [m]
+_TURN = 3.0  # without a line that is used, after which another line of the survey begins [s]
 _SMALL = 5  # cells of the least thing, at least a side
 Progress = Callable[[str, int, int], None]
 
@@ -105,7 +106,8 @@ def compared(
     progress("registering", 2, 5)
     wide = max(round(TREND * least / grid.cell), 3)
     x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
-    moved = displacement(x, y, grid.cell, 4.0 * absolute + _ROOM, within)
+    lines = (_lines(first, rows[0], columns[0]), _lines(second, rows[1], columns[1]))
+    moved = displacement(x, y, grid.cell, 4.0 * absolute + _ROOM, within, lines)
     if moved is None:
         raise LogError(
             f"{second.folder}: fewer than 3 patches of {first.folder} were found in it within "
@@ -217,6 +219,17 @@ def _channels(one: Mosaic, rows: slice, columns: slice, usable: Bool[np.ndarray,
     own = usable[bands[0] : bands[-1] + 1]
     w = one.wavelengths[bands[0] : bands[-1] + 1]
     return channels_of(cube, w, own, CHANNELS, noise_of(cube[:: max(len(cube) // 200, 1)]))
+
+
+def _lines(one: Mosaic, rows: slice, columns: slice) -> Float[np.ndarray, "row column"]:
+    """Number of the survey line that saw each cell; one for all where cells are means of several, or do not say it."""
+    t, coverage = one.layer("time"), one.layer("coverage")
+    if t is None or coverage is None or one.about["settings"]["blend"] != "best":
+        return np.zeros(one.shape[:2])[rows, columns]
+    seen = np.isfinite(t) & (coverage > 0)  # what is filled between two lines has their mean
+    stamps = np.unique(t[seen])
+    begins = stamps[1:][np.diff(stamps) > _TURN]
+    return np.where(seen, np.searchsorted(begins, t, side="right"), np.nan)[rows, columns]
 
 
 def _slants(
