@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
-from rovtwin.mapping.change.detect import FEWEST, TREND, Test, tested
+from rovtwin.mapping.change.detect import TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement
 from rovtwin.mapping.change.relief import explained
 from rovtwin.mapping.change.things import Thing, least_contrast, sorted_out
+from rovtwin.mapping.change.variance import FEWEST
 from rovtwin.mapping.formats.envi import NO_DATA
 from rovtwin.runs.mapping.result import Mosaic
 
