@@ -9,7 +9,8 @@ from tests.mapping.change.seabed import CELL, WAVELENGTHS
 
 from rovtwin.mapping.change import detect
 from rovtwin.mapping.change.channels import channels_of, noise_of, without_trend
-from rovtwin.mapping.change.displacement import Displacement, Matches, displacement
+from rovtwin.mapping.change.displacement import Displacement, displacement
+from rovtwin.mapping.change.patches import Matches
 from rovtwin.mapping.change.things import least_contrast, things
 
 SHAPE, LEAST = (200, 300), 0.1
@@ -170,7 +171,7 @@ def _still(first, second):
     """Test of two cubes that lie upon each other."""
     shape = first.shape[:2]
     a, b = (channels_of(cube, WAVELENGTHS, np.ones(12, bool), 6) for cube in (first, second))
-    none = Matches(*(np.zeros(size) for size in ((0, 2), (0, 2), (0, 2), 0)))
+    none = Matches(*(np.zeros(size) for size in ((0, 2), (0, 2), (0, 2), (0, 2), 0)))
     return detect.tested(
         a, b, Displacement(np.zeros((*shape, 2)), np.full(shape, 0.25), none, 0, 1.0), CELL, LEAST, 0.05
     )

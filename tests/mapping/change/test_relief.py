@@ -9,7 +9,8 @@ from tests.mapping.change.seabed import CELL, WAVELENGTHS
 
 from rovtwin.mapping.change import detect
 from rovtwin.mapping.change.channels import channels_of
-from rovtwin.mapping.change.displacement import Displacement, Matches
+from rovtwin.mapping.change.displacement import Displacement
+from rovtwin.mapping.change.patches import Matches
 from rovtwin.mapping.change.relief import explained
 from rovtwin.mapping.change.things import sorted_out, things
 
@@ -49,7 +50,7 @@ def held(cubes, rows):
 
 
 def against(a, b, rows):
-    none = Matches(*(np.zeros(shape) for shape in ((0, 2), (0, 2), (0, 2), 0)))
+    none = Matches(*(np.zeros(shape) for shape in ((0, 2), (0, 2), (0, 2), (0, 2), 0)))
     moved = Displacement(np.broadcast_to([rows, 0.0], (*SHAPE, 2)), np.full(SHAPE, 0.25), none, 0, 1.0)
     return a, b, moved, detect.tested(a, b, moved, CELL, LEAST, 0.05)
 

@@ -116,8 +116,7 @@ def _scale(
     shapes: Float[np.ndarray, "channel shape"],
     box: int,
 ) -> tuple[Scale, Float[np.ndarray, "row column"]]:
-    """Sigma as large as differences about each cell are, with what is left of their correlation; and the sd of the
-    first shape."""
+    """Sigma as large as differences about each cell are, with what is left of their correlation; sd of brightness."""
     seen = np.isfinite(D).all(axis=2) & np.isfinite(Sigma).all(axis=(2, 3))
     whiten, count = np.full(Sigma.shape, np.nan), shapes.shape[1]
     whiten[seen] = np.linalg.inv(np.linalg.cholesky(Sigma[seen]))

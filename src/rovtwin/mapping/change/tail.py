@@ -14,7 +14,7 @@ Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1); excesses over a thre
 Statistical Modeling of Extreme Values, ch. 4.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -84,22 +84,23 @@ def unchanged(values: Float[np.ndarray, " n"], false_share: float) -> Unchanged:
         false_share: Of the named places, that may be false.
     """
     n = len(values)
+    found = Unchanged(np.nan, np.nan, np.nan, n, np.inf)
     if n < FEWEST:
-        return Unchanged(np.nan, np.nan, np.nan, n, np.inf)
-    named, found = round(_FIRST * n), None
+        return found
+    # At first nobody knows how many of the largest changed, nor how many places that did not lie among them.
+    named, more = round(_FIRST * n), None
     for _ in range(_ROUNDS):
         rest = values[: n - named]
         middle = float(np.median(rest))
-        # At first nobody knows how many of the rest did not change; later a share of the named ones did not.
-        more = None if found is None else false_share * named
-        sigma, xi = _pareto(rest[rest > middle] - middle, more, float(values[min(n - named, n - 1)]) - middle)
+        beyond = float(values[min(n - named, n - 1)]) - middle
+        sigma, xi = _pareto(rest[rest > middle] - middle, more, beyond)
         found = Unchanged(middle, sigma, xi, n, np.inf)
         below = np.flatnonzero(found.chance(values[::-1]) * n <= false_share * np.arange(1, n + 1))
         now = int(below[-1]) + 1 if below.size else 0
-        found = Unchanged(middle, sigma, xi, n, float(values[n - now]) if now else np.inf)
+        found = replace(found, limit=found.value(false_share * now / n) if now else np.inf)
         if now == named and more is not None:
             break
-        named = now
+        named, more = now, false_share * now
     return found
 
 

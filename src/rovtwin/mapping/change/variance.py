@@ -70,7 +70,7 @@ def covariance(
 
 
 def about(squares: Image, count: int, box: int) -> Image:
-    """g: the median of squares d' Sigma^-1 d about each cell over that of chi squared with so many degrees of freedom."""
+    """g: the median of squares D' Sigma^-1 D about each cell over that of chi squared with so many degrees."""
     step = max(box // 2, 1)
     half = round(_ABOUT * box / step) // 2
     some = np.pad(squares[::step, ::step], half, constant_values=np.nan)
