@@ -24,8 +24,8 @@ from scipy.optimize import minimize
 
 _ACROSS = 5  # cells of the least thing that are looked at, a side
 _ROUNDS = 20
-_FIRST = 0.15  # of places, the largest, that are left out when nobody knows yet which are named
-_XI = (0.4, 0.5)  # of which size xi is before anything is seen, and the standard deviation of its logarithm
+_FIRST = (0.1, 0.2, 0.35)  # of places, the largest, that are left out at first
+_XI = (0.33, 0.25)  # of which size xi is before anything is seen, and the sd of its logarithm: 0.25 to 0.40 in flights
 FEWEST = 30  # places, for a tail to be read off them
 
 
@@ -79,16 +79,23 @@ def places(statistic: Float[np.ndarray, "row column"], box: int, named: float) -
 def unchanged(values: Float[np.ndarray, " n"], false_share: float) -> Unchanged:
     """The tail of places that did not change, and which are named.
 
+    Nobody knows at first how many changed. If more did than are left out, they widen the tail; if far fewer, what is
+    left of it is too short to be read, and flat. Either names fewer places, so of several beginnings that which names
+    most is taken.
+
     Args:
         values: Of all places, increasing.
         false_share: Of the named places, that may be false.
     """
-    n = len(values)
-    found = Unchanged(np.nan, np.nan, np.nan, n, np.inf)
-    if n < FEWEST:
-        return found
-    # At first nobody knows how many of the largest changed, nor how many places that did not lie among them.
-    named, more = round(_FIRST * n), None
+    if len(values) < FEWEST:
+        return Unchanged(np.nan, np.nan, np.nan, len(values), np.inf)
+    found = [_in_turns(values, false_share, round(share * len(values))) for share in _FIRST]
+    return max(found, key=lambda one: int((values >= one.limit).sum()))
+
+
+def _in_turns(values: Float[np.ndarray, " n"], false_share: float, named: int) -> Unchanged:
+    """Fitted to all places but so many at first, then to all but the named ones, until these stay the same."""
+    n, more, found = len(values), None, Unchanged(np.nan, np.nan, np.nan, len(values), np.inf)
     for _ in range(_ROUNDS):
         rest = values[: n - named]
         middle = float(np.median(rest))
