@@ -21,7 +21,7 @@ def albedo(rng, shape):
     return np.where(grain(rng, shape, 0.25)[:, :, None] > 0.5, weed, sand) * rough[:, :, None]
 
 
-def seen(rng, truth, shift, warp, light=0.1, noise=0.004, jump=0.0):
+def seen(rng, truth, shift, warp, light=0.1, noise=0.004, jump: float | np.ndarray = 0.0):
     """What a dive makes of it, and the displacement that it saw it with (rows, columns of each cell).
 
     `jump` is more displacement of each cell along the rows [m], as of another line of the survey.

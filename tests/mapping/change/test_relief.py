@@ -88,7 +88,7 @@ def painted(row, column, factor):
 @pytest.mark.parametrize("seed", range(6))
 def test_edges_of_a_plate_above_the_floor_are_named_as_what_they_are(seed):
     case = flights(seed)
-    # Two of these six floors of 3 x 4 m are of so few other steep places that one edge of the plate is all that is named.
+    # In two of these six floors few places are steep but the plate's edges, and only one of them is named.
     assert len(before(case[-1])) >= 1, "its edges differ: there is something to be explained"
     changes, elsewhere = judged(*case)
     # In these six drawings 9 % of the area stays a change, at most a quarter in one.

@@ -13,6 +13,7 @@ from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, wit
 from rovtwin.mapping.change.detect import TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement
 from rovtwin.mapping.change.relief import explained
+from rovtwin.mapping.change.tail import FEWEST as PLACES
 from rovtwin.mapping.change.things import Thing, least_contrast, sorted_out
 from rovtwin.mapping.change.variance import FEWEST
 from rovtwin.mapping.formats.envi import NO_DATA
@@ -87,7 +88,7 @@ def compared(
         second: Mosaic of the same place later.
         least: Size of the smallest thing that is looked for [m].
         contrast: Least change of reflectance that is of interest, as a share.
-        false_share: Of the named cells, that may be false.
+        false_share: Of the named places, that may be false.
         relief: How far things may stand above the mosaics' floor, or lie below it [m]; 0: not looked for.
         progress: Called with what is done, of how many steps.
 
@@ -152,6 +153,12 @@ def _require_cells(test: Test, first: Mosaic, second: Mosaic) -> None:
             f"{second.folder}: found {count} cells to be compared with {first.folder}, expected about {FEWEST} or "
             "more: the spread of cells that did not change is read off them. Make both mosaics of smaller cells "
             "(--resolution), or of more of the floor"
+        )
+    if not np.isfinite(test.unchanged.middle):
+        raise LogError(
+            f"{second.folder}: found {test.unchanged.count} places of the size of --least to be compared with "
+            f"{first.folder}, expected {PLACES} or more: how much unchanged ones differ is read off them. Compare more "
+            "of the floor, or look for smaller things"
         )
 
 
