@@ -21,14 +21,17 @@ def albedo(rng, shape):
     return np.where(grain(rng, shape, 0.25)[:, :, None] > 0.5, weed, sand) * rough[:, :, None]
 
 
-def seen(rng, truth, shift, warp, light=0.1, noise=0.004):
+def seen(rng, truth, shift, warp, light=0.1, noise=0.004, jump: float | np.ndarray = 0.0):
     """What a dive makes of it, and the displacement that it saw it with (rows, columns of each cell).
+
+    `jump` is more displacement of each cell along the rows [m], as of another line of the survey.
 
     Nothing of this has the form that the test of changes takes it to have: the warp is smooth where a process with an
     exponential covariance is fitted, light multiplies, noise is the same in dark and bright places.
     """
     shape = truth.shape[:2]
     u = np.stack([shift[k] / CELL + warp / CELL * grain(rng, shape, 0.7) for k in (0, 1)], axis=2)
+    u[:, :, 0] += jump / CELL
     rows, columns = np.meshgrid(*(np.arange(n, dtype=float) for n in shape), indexing="ij")
     at = [rows - u[:, :, 0], columns - u[:, :, 1]]
     bands = [map_coordinates(band, at, order=1, cval=np.nan) for band in np.moveaxis(truth, 2, 0)]

@@ -19,7 +19,7 @@ def map_diff(
         float, typer.Option(min=0.0, max=10.0, help="Least change of reflectance that is of interest, as a share.")
     ] = 0.1,
     false_share: Annotated[
-        float, typer.Option(min=1e-6, max=0.5, help="Share of the named cells that may be false.")
+        float, typer.Option(min=1e-6, max=0.5, help="Share of the named places that may be false.")
     ] = 0.05,
     relief: Annotated[
         float,

@@ -1,43 +1,32 @@
 """Which cells changed by more than noise, misplacement and the light can explain.
 
     d = B(x + u) - A, less its trend;    D = mean of d over the least thing that is looked for
-    var D = a + (b v_d + e (noise_A^2 + noise_B^2)) / n + c |grad A_mean|^2 sd_u^2
-    T = z' S^-1 z / K,   z = D / sd D
+    T = D' Sigma^-1 D / K
 
 Channels are logarithms, so that a gain of light is an offset, which the trend takes away. Looked at are their mean,
-slope and bend over the spectrum (Legendre polynomials): brightness, colour, and the rest, which err in different ways.
-v_d is the variance of d from cell to cell about each place: grain that falls between cells, blur. What remains of
-light and trend (a), how much of the grain survives the mean (b), and how far stated noise (e) and displacement errors
-(c) hold are read from the cells themselves: all >= 0 are fitted to the spread of D among cells that are alike in these
-terms, by medians, which the few that changed do not move. S is the correlation of the three, found without what stands
-out. T of unchanged cells is taken to be Fisher's F with K and nu degrees of freedom, nu read off how far their tail
-lies beyond the middle, so that effects which nobody stated (shadows, a rough floor seen from another side) make the
-test more careful and not wrong; cells that stand far out, and those about them, do not count when it is read. Of all
-cells those are named that keep the share of false ones below what was asked for.
+slope and bend over the spectrum (Legendre polynomials): brightness, colour, and the rest, which err in different ways,
+and together where a displacement is left beside an edge: see `variance` for Sigma. What of their correlation is not in
+it is found without what stands out. How large T becomes where nothing changed is read off its local maxima, see
+`tail`, so that effects which nobody stated (shadows, a rough floor seen from another side) make the test more careful
+and not wrong.
 
-Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2); the F of Student's t of many
-dimensions, Kotz and Nadarajah (2004), ch. 1; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57(1).
+Reference: change vectors as in Nielsen (2007), IEEE Trans. Image Processing 16(2).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import binary_dilation
-from scipy.optimize import nnls
-from scipy.stats import chi2, f
+from scipy.stats import chi2
 
-from rovtwin.mapping.change.channels import Channels, box_mean, box_means, without_trend
+from rovtwin.mapping.change.channels import Channels, box_means, without_trend
 from rovtwin.mapping.change.displacement import Displacement, pulled_back
+from rovtwin.mapping.change.tail import Unchanged, places, unchanged
+from rovtwin.mapping.change.variance import about, covariance
 
 TREND = 4.0  # times the least thing: over which light, range and grain are taken to be alike
+NAMED = 0.25  # share of the least thing's area that its named cells must have: a thing of that size is no single spot
 _ROUNDS = 8
-_ALIKE = (12, 5)  # classes of cells by misplacement, and in each by grain
-_CLASS = 20  # cells of a class, at the least, for a spread to be read off them
-FEWEST = _ALIKE[0] * _ALIKE[1] * (_CLASS + 1)  # cells with which all classes have so many
-_FAR = 1e-3  # chance of a cell that may have changed, when nu is read a second time
-_TAIL = 0.9  # of cells, from which nu is read: beyond it may lie what changed
-_NU = np.concatenate([np.arange(2.5, 12.0, 0.5), np.geomspace(12.0, 300.0, 20)])  # of the search
 
 
 @dataclass(frozen=True)
@@ -48,12 +37,12 @@ class Test:
         difference: Change of the logarithm, mean over the least thing, less its trend; by channel.
         sd: Standard deviation of its mean over channels.
         statistic: T, 1 in the middle of unchanged cells.
-        chance: Probability of such a T where nothing changed.
+        chance: Probability that a place has such a T or more where nothing changed.
         changed: Cells that are named.
         parts: a [1], b, e and c of brightness: c below 1 says that displacements are better than stated.
         scale: What makes a statistic of a difference.
         trend: What was taken off the difference, by channel.
-        limit: Greatest chance of a cell that is named; -1 where none is.
+        unchanged: T of places where nothing changed.
     """
 
     difference: Float[np.ndarray, "row column channel"]
@@ -64,7 +53,7 @@ class Test:
     parts: tuple[float, ...]
     scale: "Scale"
     trend: Float[np.ndarray, "row column channel"]
-    limit: float
+    unchanged: Unchanged
 
 
 @dataclass(frozen=True)
@@ -73,26 +62,17 @@ class Scale:
 
     Attributes:
         shapes: Weights of channels for brightness, colour and the rest.
-        spread: Standard deviation of each at each cell.
-        S: Correlation of the three over their standard deviations, scaled so that T has its median where F has.
-        freedom: nu; few say that the tails are far wider than a Gaussian's.
+        inverse: Of the covariance of the three at each cell.
     """
 
     shapes: Float[np.ndarray, "channel shape"]
-    spread: Float[np.ndarray, "row column shape"]
-    S: Float[np.ndarray, "shape shape"]
-    freedom: float
+    inverse: Float[np.ndarray, "row column shape shape"]
 
     def statistic(
         self, mean: Float[np.ndarray, "row column shape"], place: tuple[slice, ...] = (slice(None), slice(None))
     ) -> Float[np.ndarray, "row column"]:
         """T of mean differences by shape in a part of the cells; no number where one has none."""
-        z = mean / self.spread[place]
-        return np.asarray(np.einsum("...i,ij,...j->...", z, np.linalg.inv(self.S), z) / self.S.shape[0])
-
-    def chance(self, T: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
-        """Probability of such a T where nothing changed."""
-        return np.asarray(f.sf(T, self.S.shape[0], self.freedom))
+        return np.einsum("rci,rcij,rcj->rc", mean, self.inverse[place], mean) / mean.shape[2]
 
 
 def tested(
@@ -106,110 +86,60 @@ def tested(
         moved: From the first to the second.
         cell: Size of a cell [m].
         least: Size of the smallest thing that is looked for [m].
-        false_share: Of the named cells, that may be false.
+        false_share: Of the places that are named, that may be false.
     """
     box, wide = max(round(least / cell), 1), max(round(TREND * least / cell), 3)
     there = pulled_back(np.concatenate([second.value, second.noise**2], axis=2), moved.shift)
     count = first.value.shape[2]
     raw, noise = there[:, :, :count] - first.value, first.noise**2 + there[:, :, count:]
-    d = without_trend(raw, wide)
-    D, shapes = box_means(d, box), _shapes(count)
-    parts, spread = [], []
-    for shape in shapes:
-        one, image = d @ shape, first.value @ shape
-        mean, cells = box_mean(one, box)
-        smooth = box_mean(image, box)[0]
-        steep = np.gradient(smooth, axis=0) ** 2 + np.gradient(smooth, axis=1) ** 2
-        grain = _capped(box_mean((one - mean) ** 2, box)[0], wide) / np.maximum(cells, 1.0)
-        counted = box_mean(noise @ shape**2, box)[0] / np.maximum(cells, 1.0)
-        found, variance = _explained(mean, [grain, counted, steep * moved.sd**2])
-        parts.append(tuple(float(value) for value in found))
-        spread.append(np.sqrt(variance))
-    scale = _student(D, np.stack(shapes, axis=1), np.stack(spread, axis=2), box)
-    statistic = scale.statistic(D @ scale.shapes)
-    chance = scale.chance(statistic)
-    limit = _limit(chance, false_share)
-    changed = np.nan_to_num(chance, nan=1.0) <= limit
-    return Test(D, spread[0], statistic, chance, changed, parts[0], scale, raw - d, limit)
+    d, shapes = without_trend(raw, wide), _shapes(count)
+    D = box_means(d, box)
+    together = np.einsum("rck,ki,kj->rcij", noise, shapes, shapes)
+    Sigma, parts = covariance(d @ shapes, first.value @ shapes, together, moved.sd, box, wide)
+    scale, sd = _scale(D @ shapes, Sigma, shapes, box)
+    statistic = scale.statistic(D @ shapes)
+    rest = unchanged(places(statistic, box, NAMED), false_share)
+    changed = np.nan_to_num(statistic, nan=-1.0) >= rest.limit
+    return Test(D, sd, statistic, rest.chance(statistic), changed, parts, scale, raw - d, rest)
 
 
-def _shapes(count: int) -> list[Float[np.ndarray, " channel"]]:
+def _shapes(count: int) -> Float[np.ndarray, "channel shape"]:
     """Weights of channels: their mean, and what is left of slope and bend without what comes before."""
     x = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
     basis, _ = np.linalg.qr(np.stack([x**k for k in range(min(3, count))], axis=1))
-    return list(basis.T * np.sign(basis[-1])[:, None] / np.sqrt(count))
+    return basis * np.sign(basis[-1]) / np.sqrt(count)
 
 
-def _capped(variance: Float[np.ndarray, "row column"], wide: int) -> Float[np.ndarray, "row column"]:
-    """The larger of a variance here and that about here: an edge of what changed is no grain of the floor."""
-    about = box_mean(variance, wide, 0.05)[0]
-    return np.clip(variance, about, 4.0 * about)
-
-
-def _explained(
-    D: Float[np.ndarray, "row column"], terms: list[Float[np.ndarray, "row column"]]
-) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, "row column"]]:
-    """Factors of 1 and of terms of the variance, and the variance that they give each cell."""
-    seen = np.isfinite(D) & np.all([np.isfinite(term) for term in terms], axis=0)
-    d, some = D[seen], np.stack([np.ones(seen.sum()), *(term[seen] for term in terms)], axis=1)
-    rows, spread = [], []
-    for by_last in np.array_split(np.argsort(some[:, -1]), _ALIKE[0]):
-        for cells in np.array_split(by_last[np.argsort(some[by_last, -2])], _ALIKE[1]):
-            if len(cells) > _CLASS:
-                rows.append(np.median(some[cells], axis=0))
-                spread.append((np.median(np.abs(d[cells])) / 0.6745) ** 2)
-    if len(rows) < len(terms) + 1:
-        return np.ones(len(terms) + 1), np.full(D.shape, np.nan)
-    X, y = np.array(rows), np.array(spread) + 1e-12
-    scale = X.max(axis=0) + 1e-300  # the terms' sizes differ by orders of magnitude
-    found = nnls(X / scale / y[:, None], np.ones(len(y)))[0] / scale  # each class's spread counts as a share of itself
-    variance = found[0] + sum(factor * term for factor, term in zip(found[1:], terms, strict=True))
-    return found, np.where(seen, np.maximum(variance, 1e-12), np.nan)
-
-
-def _student(
-    D: Float[np.ndarray, "row column channel"],
+def _scale(
+    D: Float[np.ndarray, "row column shape"],
+    Sigma: Float[np.ndarray, "row column shape shape"],
     shapes: Float[np.ndarray, "channel shape"],
-    spread: Float[np.ndarray, "row column shape"],
     box: int,
-) -> Scale:
-    """S and nu of what did not change: without cells that stand far out, and those whose squares reach into theirs."""
-    z = D @ shapes / spread
-    seen = np.isfinite(z).all(axis=2)
-    scale = _fitted(z[seen], shapes, spread)
-    if not np.isfinite(scale.freedom):
-        return scale
-    far = seen & (np.nan_to_num(scale.chance(scale.statistic(D @ shapes)), nan=1.0) < _FAR)
-    return _fitted(z[seen & ~np.asarray(binary_dilation(far, iterations=box), bool)], shapes, spread)
+) -> tuple[Scale, Float[np.ndarray, "row column"]]:
+    """Sigma as large as differences about each cell are, with what is left of their correlation; sd of brightness."""
+    seen = np.isfinite(D).all(axis=2) & np.isfinite(Sigma).all(axis=(2, 3))
+    whiten, count = np.full(Sigma.shape, np.nan), shapes.shape[1]
+    whiten[seen] = np.linalg.inv(np.linalg.cholesky(Sigma[seen]))
+    w = np.einsum("rcij,rcj->rci", whiten, D)
+    g = about(np.sum(w**2, axis=2), count, box)
+    S = _correlation(w[seen] / np.sqrt(g[seen])[:, None])
+    inverse = np.einsum("rcki,kl,rclj->rcij", whiten, np.linalg.inv(S), whiten) / g[:, :, None, None]
+    return Scale(shapes, inverse), np.where(seen, np.sqrt(Sigma[:, :, 0, 0] * g), np.nan)
 
 
-def _fitted(
-    some: Float[np.ndarray, "n shape"],
-    shapes: Float[np.ndarray, "channel shape"],
-    spread: Float[np.ndarray, "row column shape"],
-) -> Scale:
-    count = shapes.shape[1]
+def _correlation(some: Float[np.ndarray, "n shape"]) -> Float[np.ndarray, "shape shape"]:
+    """Covariance of what does not stand out, so large that its squares have the median of chi squared."""
+    count = some.shape[1]
     if len(some) < 10 * count:
-        return Scale(shapes, spread, np.full((count, count), np.nan), np.nan)
+        return np.full((count, count), np.nan)
     S = np.diag((np.median(np.abs(some), axis=0) / 0.6745) ** 2) + 1e-12 * np.eye(count)
     for _ in range(_ROUNDS):
         squares = _squares(some, S)
         keep = some[squares < np.quantile(squares, 0.9)]
         S = keep.T @ keep / len(keep) + 1e-12 * np.eye(count)
         S *= np.median(_squares(some, S)) / chi2.ppf(0.5, count)
-    squares = _squares(some, S) / count
-    middle, tail = np.quantile(squares, [0.5, _TAIL])
-    ratios = f.ppf(_TAIL, count, _NU) / f.ppf(0.5, count, _NU)
-    freedom = float(_NU[np.argmin(np.abs(np.log(ratios / (tail / middle))))])
-    return Scale(shapes, spread, S * middle / f.ppf(0.5, count, freedom), freedom)
+    return S
 
 
 def _squares(z: Float[np.ndarray, "n channel"], S: Float[np.ndarray, "channel channel"]) -> Float[np.ndarray, " n"]:
     return np.einsum("ni,ij,nj->n", z, np.linalg.inv(S), z)
-
-
-def _limit(chance: Float[np.ndarray, "row column"], false_share: float) -> float:
-    """Benjamini and Hochberg's: cells of a smaller chance are named; that cells overlap makes it no more generous."""
-    some = np.sort(chance[np.isfinite(chance)])
-    below = np.flatnonzero(some <= false_share * np.arange(1, len(some) + 1) / max(len(some), 1))
-    return float(some[below[-1]]) if below.size else -1.0

@@ -79,7 +79,7 @@ def explained(
             onto.take(_at(B, there + way) - a)
             back.take(b - _at(A, here - way))
         left = np.maximum(*(test.scale.statistic(box_means(one.value, box), wide) for one in (onto, back)))
-        found[wide] |= (test.scale.chance(left) > test.limit) & (left < _LEFT * test.statistic[wide])
+        found[wide] |= (left < test.unchanged.limit) & (left < _LEFT * test.statistic[wide])
     return found
 
 

@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation, find_objects, label
-from scipy.stats import f
 
-from rovtwin.mapping.change.detect import Test
+from rovtwin.mapping.change.detect import NAMED, Test
 
 _CORE = 0.5  # share of the greatest change from which a cell belongs to the thing
 _LARGE = 0.5  # share of the least thing's area that a thing must have
-_NAMED = 0.25  # share of that area that its named cells must have: a thing of that size is no single spot
 
 
 @dataclass(frozen=True)
@@ -66,17 +64,17 @@ def least_contrast(test: Test, cell: float, least: float, false_share: float) ->
     """Change of brightness, as a share, from which a single thing is listed over half of the floor.
 
     Of the mean over the least thing such a thing's middle has all of the change, cells beside it less: a triangle each
-    way. As many of them as a thing must have, or more, are to be named among all cells, where nothing else has changed.
+    way. As many of them as a thing must have are to reach what a place must have where nothing else has changed.
     """
-    S, seen, side = test.scale.S, int(np.isfinite(test.chance).sum()), max(round(least / cell), 1)
-    if not seen or not np.isfinite(test.scale.freedom):
+    if not np.isfinite(test.unchanged.middle):
         return np.inf
+    side = max(round(least / cell), 1)
     share = 1.0 - np.abs(np.arange(1 - side, side)) / side
-    response = np.sort(np.outer(share, share).ravel())[::-1]
-    count = np.arange(1, len(response) + 1)
-    T = f.isf(np.minimum(false_share * count / seen, 1.0), len(S), test.scale.freedom)
-    change = np.sqrt(len(S) * T / np.linalg.inv(S)[0, 0]) / response
-    return float(np.expm1(np.nanmedian(test.sd) * change[count * cell**2 >= _NAMED * least**2 - 1e-12].min()))
+    response = np.sort(np.outer(share, share).ravel())[-max(round(NAMED * side**2), 1)]
+    alone = test.unchanged.value(false_share / test.unchanged.count)
+    unit = np.zeros((*test.statistic.shape, test.scale.shapes.shape[1]))
+    unit[:, :, 0] = 1.0
+    return float(np.expm1(np.nanmedian(np.sqrt(alone / test.scale.statistic(unit))) / response))
 
 
 def sorted_out(
@@ -104,7 +102,7 @@ def _connected(test: Test, among: Bool[np.ndarray, "row column"], cell: float, l
         labelled: Any = label(binary_dilation(named, iterations=half))
         for k, place in enumerate(find_objects(labelled[0]), start=1):
             inside = (labelled[0][place] == k) & among[place]
-            if (named[place] & inside).sum() * cell**2 < _NAMED * least**2:
+            if (named[place] & inside).sum() * cell**2 < NAMED * least**2:
                 continue
             thing, alike = _greatest(test, place, inside, cell, least)
             among[place] &= ~(alike & np.asarray(binary_dilation(thing.cells[place], iterations=half + 1), bool))
@@ -128,7 +126,7 @@ def _greatest(
         labelled: Any = label(binary_dilation(alike & test.changed[place], iterations=half))
         part = alike & (labelled[0] == labelled[0][top])
         thing = _thing(test, place, part, part & (along >= _CORE), top, cell)
-        if (part & test.changed[place]).sum() * cell**2 >= _NAMED * least**2 and thing.area >= _LARGE * least**2:
+        if (part & test.changed[place]).sum() * cell**2 >= NAMED * least**2 and thing.area >= _LARGE * least**2:
             return thing, part
         rest = rest & ~part
     top, along = _along(test, place, inside)

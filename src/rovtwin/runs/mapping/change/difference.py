@@ -10,16 +10,19 @@ from jaxtyping import Bool, Float
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.mapping.cells.grid import Grid
 from rovtwin.mapping.change.channels import Channels, channels_of, noise_of, without_trend
-from rovtwin.mapping.change.detect import FEWEST, TREND, Test, tested
+from rovtwin.mapping.change.detect import TREND, Test, tested
 from rovtwin.mapping.change.displacement import Displacement, displacement
 from rovtwin.mapping.change.relief import explained
+from rovtwin.mapping.change.tail import FEWEST as PLACES
 from rovtwin.mapping.change.things import Thing, least_contrast, sorted_out
+from rovtwin.mapping.change.variance import FEWEST
 from rovtwin.mapping.formats.envi import NO_DATA
 from rovtwin.runs.mapping.result import Mosaic
 
 CHANNELS, FIRST, LAST = 6, 420.0, 690.0  # compared are means over so many groups of bands between these [nm]
 ABSOLUTE, WITHIN = 0.3, 0.03  # standard deviations of places that a mosaic does not state [m]
 _ROOM = 0.1  # farther than four standard deviations that the second may lie [m]
+_TURN = 3.0  # without a line that is used, after which another line of the survey begins [s]
 _SMALL = 5  # cells of the least thing, at least a side
 Progress = Callable[[str, int, int], None]
 
@@ -85,7 +88,7 @@ def compared(
         second: Mosaic of the same place later.
         least: Size of the smallest thing that is looked for [m].
         contrast: Least change of reflectance that is of interest, as a share.
-        false_share: Of the named cells, that may be false.
+        false_share: Of the named places, that may be false.
         relief: How far things may stand above the mosaics' floor, or lie below it [m]; 0: not looked for.
         progress: Called with what is done, of how many steps.
 
@@ -105,7 +108,8 @@ def compared(
     progress("registering", 2, 5)
     wide = max(round(TREND * least / grid.cell), 3)
     x, y = (without_trend(one.value, wide).mean(axis=2) for one in (a, b))
-    moved = displacement(x, y, grid.cell, 4.0 * absolute + _ROOM, within)
+    lines = (_lines(first, rows[0], columns[0]), _lines(second, rows[1], columns[1]))
+    moved = displacement(x, y, grid.cell, 4.0 * absolute + _ROOM, within, lines)
     if moved is None:
         raise LogError(
             f"{second.folder}: fewer than 3 patches of {first.folder} were found in it within "
@@ -149,6 +153,12 @@ def _require_cells(test: Test, first: Mosaic, second: Mosaic) -> None:
             f"{second.folder}: found {count} cells to be compared with {first.folder}, expected about {FEWEST} or "
             "more: the spread of cells that did not change is read off them. Make both mosaics of smaller cells "
             "(--resolution), or of more of the floor"
+        )
+    if not np.isfinite(test.unchanged.middle):
+        raise LogError(
+            f"{second.folder}: found {test.unchanged.count} places of the size of --least to be compared with "
+            f"{first.folder}, expected {PLACES} or more: how much unchanged ones differ is read off them. Compare more "
+            "of the floor, or look for smaller things"
         )
 
 
@@ -217,6 +227,17 @@ def _channels(one: Mosaic, rows: slice, columns: slice, usable: Bool[np.ndarray,
     own = usable[bands[0] : bands[-1] + 1]
     w = one.wavelengths[bands[0] : bands[-1] + 1]
     return channels_of(cube, w, own, CHANNELS, noise_of(cube[:: max(len(cube) // 200, 1)]))
+
+
+def _lines(one: Mosaic, rows: slice, columns: slice) -> Float[np.ndarray, "row column"]:
+    """Number of the survey line that saw each cell; one for all where cells are means of several, or do not say it."""
+    t, coverage = one.layer("time"), one.layer("coverage")
+    if t is None or coverage is None or one.about["settings"]["blend"] != "best":
+        return np.zeros(one.shape[:2])[rows, columns]
+    seen = np.isfinite(t) & (coverage > 0)  # what is filled between two lines has their mean
+    stamps = np.unique(t[seen])
+    begins = stamps[1:][np.diff(stamps) > _TURN]
+    return np.where(seen, np.searchsorted(begins, t, side="right"), np.nan)[rows, columns]
 
 
 def _slants(

@@ -16,7 +16,7 @@ from rovtwin.runs.mapping.result import Mosaic
 LAYERS = {
     "change": "change of reflectance, mean over the least thing, as a share of it",
     "sd": "its standard deviation",
-    "chance": "probability of such a difference where nothing changed",
+    "chance": "probability that a place differs so much where nothing changed; 0.5: half of them or more do",
     "shift_east": "how far the second mosaic lies east of the first [m]",
     "shift_north": "the same to the north [m]",
     "shift_sd": "standard deviation of each [m]",
