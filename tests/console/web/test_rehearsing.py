@@ -207,6 +207,7 @@ def flight(desk, rehearsing, tmp_path, monkeypatch):
         return {"verdict": "inside", "looks": len(looks)}
 
     monkeypatch.setattr(module, "flown_beside", flown_beside)
+    monkeypatch.setattr(module, "WRITTEN", 0.0)
     ask(rehearsing)
     answered(rehearsing, forecast=predicted())
     folder = tmp_path / "run"
@@ -237,6 +238,16 @@ def test_the_flight_is_compared_at_its_end_and_when_its_log_is_closed(desk, flig
     assert go(folder="") == [False, True]
     assert json.loads((folder / FILE).read_text())["rehearsals"][0]["flown"]["looks"] == 2
     assert go(phase="idle") == [False, True]
+
+
+def test_a_flight_is_not_compared_before_the_log_on_the_disk_has_its_end(flight, monkeypatch):
+    """The end came too late into the log: a mission that was flown to its end counted as not completed."""
+    _, go = flight
+    monkeypatch.setattr(module, "WRITTEN", 1e6)
+    go(phase="go")
+    assert go(phase="finished") == []
+    monkeypatch.setattr(module, "WRITTEN", 0.0)
+    assert go(phase="hold") == [False]
 
 
 def test_the_end_of_the_mission_before_is_not_that_of_this_one(flight):

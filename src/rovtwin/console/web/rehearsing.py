@@ -25,6 +25,7 @@ LOOK = 0.25  # between two looks at plan, water and flight [s]
 TELLS = 1.0  # between two messages of what is going on [s]
 FRESH = 2.0  # a reading that is older is not one of now [s]
 OVER = ("finished", "aborted", "held", "returned", "surfaced")  # phases in which a mission is not gone on with
+WRITTEN = 4.0  # after a mission's end, until the log on the disk has it [s]
 BEGUN, ENDED, CLOSED = 1, 2, 3  # how far a flight is: under way, at its end, its log closed
 COLUMNS = ("x", "y", "depth", "speed", "acceptance", "hold_time", "heading_deg", "altitude")
 GONE = "the process that rehearses ended, or was killed; is there memory left? Rehearse again"
@@ -46,6 +47,7 @@ class Rehearsing:
         self._basis_of: dict[int, Any] = {}
         self._flying: list[int] = []  # numbers of those that were started in this flight
         self._folder, self._reached, self._under_way = "", 0, False  # the flight, how far it was looked at
+        self._over_at: float | None = None  # when its mission was seen to be at its end [s, monotonic]
         hub.others["rehearse"] = self.order
         hub.started, hub.more_checks = self.started, self.remarks
 
@@ -244,7 +246,7 @@ class Rehearsing:
         basis = self._basis_of.get(self._number)
         if basis is not None and basis[0] == self._basis()[0]:  # what is started is what is on the table
             self._flying = [*(one for one in self._flying if one != self._number), self._number]
-            self._reached, self._under_way = 0, False
+            self._reached, self._under_way, self._over_at = 0, False, None
 
     async def look_at_flight(self) -> None:
         """Keep what was predicted in the flight's folder; compare at the mission's end, and when the log closes."""
@@ -254,7 +256,9 @@ class Rehearsing:
         self._folder = self._folder or folder
         self._under_way |= phase not in (*OVER, "idle", "")
         if self._flying and self._folder:
-            ended = self._under_way and phase in OVER
+            if self._over_at is None and self._under_way and phase in OVER:
+                self._over_at = time.monotonic()
+            ended = self._over_at is not None and time.monotonic() - self._over_at >= WRITTEN
             stage = CLOSED if closed else ENDED if ended else BEGUN if self._is_whole(self._flying[-1]) else 0
             if stage > self._reached:
                 self._reached = stage
