@@ -161,7 +161,8 @@ def _axes(
     rows = []
     for i, axis in enumerate(AXES):
         inside = float(np.mean((curves[:, i] >= low[span, i]) & (curves[:, i] <= high[span, i])))
-        shares = np.array(predicted["shares"][axis.name])
+        counts = np.array(predicted["inside"][axis.name])[:, first : span.stop // course.each]
+        shares = counts.sum(axis=1) / (span.stop - span.start)
         chance = float((1 + np.sum(shares <= inside + 1e-12)) / (1 + len(shares)))
         _, beyond = outside_by(curves[:, i], low[span, i], high[span, i])
         verdict: Verdict = "inside"
