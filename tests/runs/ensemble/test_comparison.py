@@ -1,10 +1,13 @@
-"""A part of a way against the same part of the drawn flights'."""
+"""A part of a way against the same part of the drawn flights', and energy of what is predicted."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rovtwin.runs.ensemble.comparison import _axes
+from rovtwin.runs.ensemble.comparison import Sortie, _axes, _energy
 from rovtwin.runs.ensemble.course import Course
+from rovtwin.vehicle import load_vehicle
 
 DRAWS = 39
 
@@ -26,3 +29,15 @@ def test_only_what_was_flown_of_the_drawn_flights_counts(reached, first, share):
     assert [row["verdict"] for row in rows] == (
         [outside[row["axis"]] for row in rows] if not first and reached == 1 else ["inside"] * 3
     )
+
+
+@pytest.mark.parametrize("has_battery", [True, False])
+def test_a_gauge_is_compared_only_where_loads_beside_the_thrusters_are_predicted_too(has_battery):
+    vehicle = load_vehicle("bluerov2")
+    count, t, still = len(vehicle.thruster_names), np.arange(0.0, 36.0, 0.5), np.zeros((72, 6))
+    flown = Sortie(t, still, still, still, np.zeros((72, 4)), np.zeros((72, count)), np.full(72, 100.0))
+    sources = vehicle.power_sources if has_battery else []
+    about = SimpleNamespace(power_sources=sources, specific_power=vehicle.specific_power, model=vehicle.model)
+    found = _energy({"energy_wh": {"value": 1.0}}, flown, about)
+    assert found["by"] == ("the battery's own power" if has_battery else "the thrusters' commands")
+    assert found["flown"] == pytest.approx(100.0 * 35.5 / 3600.0 if has_battery else 0.0, abs=1e-9)

@@ -187,7 +187,7 @@ def _efforts(predicted: Mapping[str, Any], flown: Sortie) -> list[dict[str, Any]
 
 def _energy(predicted: Mapping[str, Any], flown: Sortie, vehicle: Vehicle) -> dict[str, Any]:
     """Energy used beside what was predicted [Wh], and what it is known by."""
-    if flown.power is not None:
+    if flown.power is not None and vehicle.power_sources:  # else what is predicted has no loads beside the thrusters
         used, by = float(np.trapezoid(flown.power, flown.t)), "the battery's own power"
     else:
         supply, force = Supply.of(vehicle), _forces(flown, vehicle.model())
