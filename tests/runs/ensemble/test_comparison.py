@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rovtwin.runs.ensemble.bands import band_between, shares_inside
 from rovtwin.runs.ensemble.comparison import Sortie, _axes, _energy
-from rovtwin.runs.ensemble.course import Course
+from rovtwin.runs.ensemble.course import AXES, Course
+from rovtwin.runs.ensemble.forecast import _inside
 from rovtwin.vehicle import load_vehicle
 
 DRAWS = 39
@@ -41,3 +43,12 @@ def test_a_gauge_is_compared_only_where_loads_beside_the_thrusters_are_predicted
     found = _energy({"energy_wh": {"value": 1.0}}, flown, about)
     assert found["by"] == ("the battery's own power" if has_battery else "the thrusters' commands")
     assert found["flown"] == pytest.approx(100.0 * 35.5 / 3600.0 if has_battery else 0.0, abs=1e-9)
+
+
+def test_counts_of_all_way_points_are_the_share_of_the_whole_way():
+    drawn = np.random.default_rng(1).standard_normal((DRAWS, 72, 3)).cumsum(axis=1)
+    counts = _inside(band_between(drawn, 1), 36)
+    for i, axis in enumerate(AXES):
+        assert np.shape(counts[axis.name]) == (DRAWS, 2)
+        np.testing.assert_allclose(np.sum(counts[axis.name], axis=1) / 72, shares_inside(drawn[:, :, i], 1))
+    assert _inside(None, 36) == {}
