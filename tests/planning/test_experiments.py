@@ -210,6 +210,7 @@ def test_drawn_vehicles_are_kept_off_their_limits_before_the_assumed_one_is_kept
 
     (laid, *_), remarks = _as_level_as_can_be(lay_out, 0.4)
     assert laid[1:] == expected and bool(remarks) == (expected[0] != 0.4)
+    assert ("drawn vehicles" in " ".join(remarks)) == (expected == (np.inf, True))
 
 
 @pytest.mark.slow  # half a minute to compile, a quarter of an hour of test flown

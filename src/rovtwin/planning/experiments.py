@@ -220,11 +220,12 @@ def _as_level_as_can_be(lay_out: Callable[[float, bool], Laid], tipping: float) 
             continue
         break
     else:
-        laid, limit = lay_out(np.inf, False), np.inf
+        laid, limit, drawn = lay_out(np.inf, False), np.inf, False
     if limit == tipping:
         return laid, []
     most, least = np.degrees([laid[2][0].tilt.max(), tipping])
-    return laid, [f"it tilts by up to {most:.0f} deg: no plan keeps it below {least:.0f}"]
+    too = ", and drawn vehicles within their limits" if drawn else ""
+    return laid, [f"it tilts by up to {most:.0f} deg: no plan keeps it below {least:.0f}{too}"]
 
 
 def _strayed(strays: int) -> list[str]:

@@ -6,7 +6,7 @@ from rovtwin.core.numerics import jax
 from rovtwin.identification.experiment.information import with_anchors
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.model.catalogue import catalogue, choose
-from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.gaussian import Gaussian, root_of
 from rovtwin.identification.joint.model.parameters import Parameters
 from rovtwin.identification.joint.model.prior import default_prior
 from rovtwin.identification.joint.result.payload import prior_from
@@ -43,7 +43,7 @@ def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Pa
 
 def drawn_models(parameters: Parameters, prior: Gaussian, count: int, seed: int) -> list[Model]:
     """Models of vehicles that are drawn from what is known."""
-    root = np.linalg.cholesky(prior.covariance + 1e-14 * np.eye(len(parameters)))
+    root = root_of(prior.covariance)
     thetas = prior.mean + np.random.default_rng(seed).standard_normal((count, len(parameters))) @ root.T
     model_at = jax.jit(lambda theta: parameters.model_at(theta)[0])
     return [model_at(theta) for theta in thetas]

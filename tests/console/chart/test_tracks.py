@@ -69,3 +69,9 @@ def test_a_run_without_a_track_says_so(tmp_path):
     t = np.arange(3.0)
     with pytest.raises(LogError, match="there is no track to show"):
         track_of(dive(tmp_path / "run", t, t, t, name="sensor/eta"), HERE, True)
+
+
+def test_a_dive_that_never_knew_where_it_was_has_no_track(tmp_path):
+    nowhere = np.full(3, np.nan)
+    with pytest.raises(LogError, match="no place that is known"):
+        track_of(dive(tmp_path / "run", np.arange(3.0), nowhere, nowhere), HERE, True)

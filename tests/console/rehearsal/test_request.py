@@ -54,6 +54,17 @@ def test_of_a_real_vehicle_the_tank_is_not_known_and_the_floor_by_the_altimeter(
     assert "altimeter" in real.floor_by(scenario) and request().floor_by(scenario) == "the scenario"
 
 
+def test_the_fence_that_was_drawn_holds_in_it_and_the_batteries_are_as_full_as_the_gauge_says():
+    scenario = load_scenario("lawnmower_calm", ["battery={charge: 0.9}"])
+    drawn = ((-5.0, -5.0), (9.0, -5.0), (9.0, 9.0), (-5.0, 9.0))
+    flown = request(fence=drawn, charge=0.3).scenario(scenario)
+    polygon = flown.autopilot.supervisor.geofence.polygon
+    assert [tuple(corner) for corner in polygon[:4]] == [*drawn] and {tuple(c) for c in polygon[4:]} == {drawn[-1]}
+    assert flown.battery.charge == 0.3 and flown.waypoints[0].position == [3.0, 1.0, 2.0]
+    as_given = request().scenario(scenario)
+    assert as_given.battery.charge == 0.9 and as_given.autopilot == scenario.autopilot
+
+
 @pytest.mark.parametrize(
     ("what", "why"),
     [

@@ -36,7 +36,7 @@ class FakeProcess:
 
 def predicted(whole=True, **more):
     remark = {"level": "warning", "what": "way-point 1: a thruster has 3 % of its force left", "points": [0]}
-    return {"whole": whole, "remarks": [remark], "shares": {}, "bands": None, "places": [[0, 0, 0], [3, 0, 1]]} | more
+    return {"whole": whole, "remarks": [remark], "inside": {}, "bands": None, "places": [[0, 0, 0], [3, 0, 1]]} | more
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_what_comes_first_is_shown_first_and_what_goes_on_has_a_name(desk, rehea
     assert newest(desk, "rehearsal")["whole"] is False and newest(desk, "rehearsing")["busy"]
     answered(rehearsing, forecast=predicted())
     late = newest(desk, "rehearsal")
-    assert late["whole"] and "shares" not in late and not newest(desk, "rehearsing")["busy"]
+    assert late["whole"] and "inside" not in late and not newest(desk, "rehearsing")["busy"]
 
 
 def test_remarks_are_checks_of_their_rows_until_the_plan_changes(desk, rehearsing):
@@ -116,7 +116,7 @@ def test_an_answer_of_an_older_request_does_not_count(desk, rehearsing):
     assert newest(desk, "rehearsal") is None and newest(desk, "rehearsing")["busy"]
 
 
-def test_a_change_of_plan_or_current_makes_it_stale_and_due_again(desk, rehearsing, process, monkeypatch):
+def test_a_change_of_plan_current_or_fence_makes_it_stale_and_due_again(desk, rehearsing, process, monkeypatch):
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     clock = [0.0]
     ask(rehearsing)
@@ -125,6 +125,9 @@ def test_a_change_of_plan_or_current_makes_it_stale_and_due_again(desk, rehearsi
         lambda: desk.draft.edit(0, {"speed": 0.3}),
         lambda: desk.client.last["state"].update(added_current=[0.1, 0.0]),
         lambda: ran(rehearsing.order({"op": "water", "speed": 0.2, "toward": 0.0})),
+        lambda: desk.client.last.update(
+            setup={"kind": "setup", "fence_drawn": True, "fence": {"polygon": [[0, 0], [9, 0], [9, 9]]}}
+        ),
     ):
         many = len(process.asked)
         change()
@@ -136,6 +139,7 @@ def test_a_change_of_plan_or_current_makes_it_stale_and_due_again(desk, rehearsi
         assert len(process.asked) == many + 1
         answered(rehearsing, forecast=predicted())
     assert process.asked[-1].water.current == pytest.approx((0.2, 0.0)) and process.asked[-1].added == (0.1, 0.0)
+    assert process.asked[-2].fence is None and process.asked[-1].fence == ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 
 
 def test_it_is_not_repeated_where_that_is_switched_off(desk, rehearsing, process, monkeypatch):
@@ -270,3 +274,31 @@ def test_a_log_that_cannot_be_read_is_an_event(desk, rehearsing, flight, monkeyp
     go(phase="finished")
     events = [json.loads(text)["text"] for text in page._texts if json.loads(text)["kind"] == "event"]
     assert events == ["predicted against flown: log.mcap: damaged"]
+
+
+@pytest.mark.parametrize("looked", [True, False], ids=["a look between", "none"])
+def test_the_next_flight_has_a_folder_of_its_own_however_soon_it_begins(desk, flight, looked):
+    folder, go = flight
+    go(phase="go")
+    assert go(phase="finished") == [False]
+    after = folder.parent / "next"
+    after.mkdir()
+    desk.client.last["state"].update(folder=str(after), phase="idle")
+    if looked:
+        assert go() == [False, True]
+    desk.started()
+    go(phase="go")
+    assert json.loads((folder / FILE).read_text())["rehearsals"][0]["flown"]["looks"] == (2 if looked else 1)
+    go(phase="finished")
+    assert (after / FILE).exists()
+    assert json.loads((folder / FILE).read_text())["rehearsals"][0]["flown"]["looks"] == (2 if looked else 1)
+
+
+def test_a_mistake_of_ours_in_a_comparison_is_an_event_too(desk, rehearsing, flight):
+    _, go = flight
+    page = desk.come("b1")
+    desk.worker.refuses = KeyError("autopilot/eta")
+    go(phase="go")
+    go(phase="finished")
+    events = [json.loads(text)["text"] for text in page._texts if json.loads(text)["kind"] == "event"]
+    assert events == ["predicted against flown: 'autopilot/eta'"]

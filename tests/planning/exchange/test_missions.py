@@ -242,3 +242,17 @@ def test_items_of_a_plan_that_no_vehicle_can_go_to_are_refused(change, message):
 @pytest.mark.parametrize("text", ["waypoints: []", "{waypoints: [{position: [1, 2, 3]}]}", '{"waypoints": []}', ""])
 def test_what_may_be_yaml_is_left_to_yaml(text):
     assert read_route(text, "mine") is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"type": "Point", "coordinates": [10, 1' + "0" * 400 + "]}",
+        '{"type": "Point", "coordinates": [10, 60, -1' + "0" * 400 + "]}",
+        "<gpx>\ud800</gpx>",
+    ],
+    ids=["latitude", "height", "half a character"],
+)
+def test_what_python_cannot_convert_is_refused_in_words(text):
+    with pytest.raises(ConfigError, match="^theirs: "):
+        read_route(text, "theirs")

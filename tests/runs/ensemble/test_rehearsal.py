@@ -98,7 +98,7 @@ def test_bands_are_of_drawn_vehicles_and_hold_the_known_one(predicted, rehearsal
     port, starboard = (np.array(predicted["track"][side]) for side in ("port", "starboard"))
     widths = np.hypot(*(starboard - port).T)
     assert 0.05 < np.median(widths) < 0.8  # acoustic positions have a standard deviation of 0.5 m
-    assert "shares" not in for_page(predicted)
+    assert "inside" not in for_page(predicted)
 
 
 def test_a_flight_is_read_from_its_log(predicted, rehearsal, nominal, flight):

@@ -35,6 +35,8 @@ def track_of(folder: Path, datum: Datum, is_given: bool) -> dict[str, Any]:
         raise LogError(f"{folder.name}: has neither {' nor '.join(PREFERRED)}: there is no track to show")
     t, at = log[name].t, places(log[name])
     known = np.isfinite(at).all(axis=1)
+    if not known.any():
+        raise LogError(f"{folder.name}: {name} holds no place that is known: there is no track to show")
     here = _beside(at[known], datum_of(log.metadata), datum, is_given, folder.name)
     kept = thinned(here[:, :2])
     breaks = np.flatnonzero(np.diff(t[known][kept]) > GAP) + 1

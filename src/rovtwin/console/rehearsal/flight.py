@@ -52,7 +52,7 @@ def rehearsals_of(folder: Path) -> list[dict[str, Any]]:
         every = data["rehearsals"]
         if not all(one.keys() >= SHOWN for one in every):
             raise KeyError
-    except (OSError, KeyError, TypeError, AttributeError, ValueError):
+    except (OSError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
         raise LogError(f"{folder / FILE}: found something else than what a rehearsal leaves; delete it") from None
     return every
 

@@ -1,9 +1,10 @@
-"""What is rehearsed: a plan, from where the vehicle is, in the water that there is now; as a scenario."""
+"""What is rehearsed: a plan, from where the vehicle is, in the water and the fence of now; as a scenario."""
 
 import math
 from dataclasses import dataclass
 from typing import Any
 
+from rovtwin.console.engine.fence import padded, with_fence
 from rovtwin.console.planning import waypoint_of
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.user_files.config import parse
@@ -78,6 +79,7 @@ class Request:
         added: Current that the twin has beside the scenario's [m/s].
         floor: Depth of the floor by the altimeter [m]; None where there is none, or the scenario knows better.
         charge: Of the batteries, 0 to 1; None: not measured.
+        fence: Corners of the one that was drawn, north and east [m]; None: the scenario's.
         is_twin: Whether the vehicle is computed; of a real one the scenario's tank does not count.
     """
 
@@ -89,6 +91,7 @@ class Request:
     added: tuple[float, float] = (0.0, 0.0)
     floor: float | None = None
     charge: float | None = None
+    fence: tuple[tuple[float, float], ...] | None = None
     is_twin: bool = True
 
     def scenario(self, scenario: Scenario) -> Scenario:
@@ -97,8 +100,12 @@ class Request:
         depth = max(self.place[2], 0.0)
         begun = {"position": [*self.place[:2], depth], "heading_deg": self.heading_deg}
         start = scenario.start.model_copy(update=begun)
-        changes = {"mission": MissionSection(waypoints=waypoints), "start": start, "world": self._world(scenario)}
-        return scenario.model_copy(update=changes)
+        changes: dict[str, Any] = {"mission": MissionSection(waypoints=waypoints), "start": start}
+        if scenario.battery is not None and self.charge is not None:  # low ones end a mission
+            changes["battery"] = scenario.battery.model_copy(update={"charge": min(max(self.charge, 0.0), 1.0)})
+        if self.fence is not None:  # in one shape, so that another fence needs no other program
+            scenario = with_fence(scenario, padded([[*corner] for corner in self.fence]).tolist())
+        return scenario.model_copy(update=changes | {"world": self._world(scenario)})
 
     def _world(self, scenario: Scenario) -> WorldSection:
         world = scenario.world

@@ -100,9 +100,17 @@ class Rehearsing:
     # Asking
 
     def _basis(self) -> Any:
-        """What a rehearsal rests on: the plan and the water; not where the vehicle is, which moves."""
+        """What a rehearsal rests on: plan, water and fence; not where the vehicle is, which moves."""
         state = self._hub.client.last.get("state", {})
-        return tuple(tuple(row[key] for key in COLUMNS) for row in self._hub.draft.rows), self._water, _added(state)
+        rows = tuple(tuple(row[key] for key in COLUMNS) for row in self._hub.draft.rows)
+        return rows, self._water, _added(state), self._fence()
+
+    def _fence(self) -> tuple[tuple[float, float], ...] | None:
+        """Corners of the fence that was drawn on the chart; None while the scenario's holds."""
+        setup = self._hub.client.last.get("setup", {})
+        if not setup.get("fence_drawn"):
+            return None
+        return tuple((float(north), float(east)) for north, east in setup["fence"]["polygon"])
 
     def _require_possible(self) -> None:
         """Raise ConfigError where nothing can be rehearsed; the text says why."""
@@ -146,6 +154,7 @@ class Rehearsing:
             added=_added(state),
             floor=None if height is None or self._is_twin else float(eta[2] + height),
             charge=battery,
+            fence=self._fence(),
             is_twin=self._is_twin,
         )
 
@@ -163,8 +172,11 @@ class Rehearsing:
                     await self._end_process()
                     self._end(GONE if self._doing is not None else self._why)
                 continue
-            if answer is not None:
-                self.take(*answer)
+            try:
+                if answer is not None:
+                    self.take(*answer)
+            except Exception:  # a mistake of ours must not end it
+                logger.exception("an answer of the rehearsal")
 
     def take(self, number: int, news: dict[str, Any]) -> None:
         """An answer of the process."""
@@ -236,7 +248,7 @@ class Rehearsing:
         return [one | {"what": f"rehearsal: {one['what']}"} for one in every]
 
     def _is_stale(self) -> bool:
-        """Whether plan or water have changed since."""
+        """Whether plan, water or fence have changed since."""
         return self._basis() != self._basis_of.get(self._number)
 
     # The flight
@@ -245,6 +257,9 @@ class Rehearsing:
         """A page has started the mission: what was predicted of it is kept, if it was rehearsed."""
         basis = self._basis_of.get(self._number)
         if basis is not None and basis[0] == self._basis()[0]:  # what is started is what is on the table
+            folder = self._hub.client.last.get("state", {}).get("folder") or ""
+            if folder != self._folder:  # a flight that was not looked at yet
+                self._folder, self._flying = folder, []
             self._flying = [*(one for one in self._flying if one != self._number), self._number]
             self._reached, self._under_way, self._over_at = 0, False, None
 
@@ -252,25 +267,26 @@ class Rehearsing:
         """Keep what was predicted in the flight's folder; compare at the mission's end, and when the log closes."""
         state = self._hub.client.last.get("state", {})
         folder, phase = state.get("folder") or "", state.get("phase") or ""
-        closed = bool(self._folder) and not folder
-        self._folder = self._folder or folder
+        closed = bool(self._folder) and folder != self._folder
+        before, flying = self._folder or folder, self._flying
+        self._folder = folder if closed else before
+        if closed:
+            self._flying = []
         self._under_way |= phase not in (*OVER, "idle", "")
-        if self._flying and self._folder:
+        if flying and before:
             if self._over_at is None and self._under_way and phase in OVER:
                 self._over_at = time.monotonic()
             ended = self._over_at is not None and time.monotonic() - self._over_at >= WRITTEN
-            stage = CLOSED if closed else ENDED if ended else BEGUN if self._is_whole(self._flying[-1]) else 0
+            stage = CLOSED if closed else ENDED if ended else BEGUN if self._is_whole(flying[-1]) else 0
             if stage > self._reached:
                 self._reached = stage
-                await self._keep(stage)
-        if closed:
-            self._folder, self._flying = "", []
+                await self._keep(stage, Path(before), flying)  # the next flight may begin meanwhile
 
     def _is_whole(self, number: int) -> bool:
         return self._forecasts.get(number, {}).get("whole", False)
 
-    async def _keep(self, stage: int) -> None:
-        number, folder = self._flying[-1], Path(self._folder)
+    async def _keep(self, stage: int, folder: Path, flying: list[int]) -> None:
+        number = flying[-1]
         if (forecast := self._forecasts.get(number)) is None:
             return
         try:
@@ -279,9 +295,11 @@ class Rehearsing:
                 forecast["flown"] = await self._hub.worker.call(flown_beside, *arguments)
                 if number == self._number:
                     self._show(number)
-            flown = [self._forecasts[one] for one in self._flying if one in self._forecasts]
+            flown = [self._forecasts[one] for one in flying if one in self._forecasts]
             await asyncio.to_thread(write_rehearsals, folder, flown)
-        except RovtwinError as error:
+        except Exception as error:
+            if not isinstance(error, RovtwinError):  # a mistake of ours
+                logger.exception("predicted against flown")
             self._hub.say("warning", f"predicted against flown: {error}")
 
 

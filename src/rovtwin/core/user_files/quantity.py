@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeGuard
@@ -17,8 +18,8 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def is_finite(value: object) -> TypeGuard[float]:
-    """Whether it is a number, and neither infinite nor NaN."""
-    return is_number(value) and math.isfinite(value)
+    """Whether it is a number, and neither infinite nor NaN, nor an integer beyond what a float holds."""
+    return is_number(value) and abs(value) <= sys.float_info.max
 
 
 @dataclass(frozen=True)

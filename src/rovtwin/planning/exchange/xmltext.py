@@ -45,6 +45,8 @@ def parse_xml(text: str, where: str) -> Element:
     except ParseError as error:
         line, column = error.position
         raise ConfigError(f"{where}: line {line}, column {column + 1}: not XML ({error.msg.split(':')[0]})") from None
+    except UnicodeEncodeError as error:  # half of a pair of UTF-16, which JSON lets pass
+        raise ConfigError(f"{where}: character {error.start + 1}: not text that XML may hold") from None
 
 
 def local(element: Element) -> str:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 Verdict = Literal["inside", "near", "outside"]
 
@@ -130,8 +130,13 @@ def held_against(band: Band, flight: Float[np.ndarray, "n k"], axes: Sequence[Ax
 
 def shares_inside(curves: Float[np.ndarray, "N n"], rank: int) -> Float[np.ndarray, " N"]:
     """Share of time that each curve is inside the band of all others."""
+    return np.mean(inside_others(curves, rank), axis=1)
+
+
+def inside_others(curves: Float[np.ndarray, "N n"], rank: int) -> Bool[np.ndarray, "N n"]:
+    """Whether each curve is inside the band of all others, at each instant."""
     order = np.argsort(np.argsort(curves, axis=0, kind="stable"), axis=0, kind="stable") + 1
-    return np.mean((order > rank) & (order <= len(curves) - rank), axis=1)
+    return (order > rank) & (order <= len(curves) - rank)
 
 
 def effective_of(shares: Float[np.ndarray, " N"], level: float, samples: int) -> float:

@@ -161,7 +161,8 @@ def _axes(
     rows = []
     for i, axis in enumerate(AXES):
         inside = float(np.mean((curves[:, i] >= low[span, i]) & (curves[:, i] <= high[span, i])))
-        shares = np.array(predicted["shares"][axis.name])
+        counts = np.array(predicted["inside"][axis.name])[:, first : span.stop // course.each]
+        shares = counts.sum(axis=1) / (span.stop - span.start)
         chance = float((1 + np.sum(shares <= inside + 1e-12)) / (1 + len(shares)))
         _, beyond = outside_by(curves[:, i], low[span, i], high[span, i])
         verdict: Verdict = "inside"
@@ -186,7 +187,7 @@ def _efforts(predicted: Mapping[str, Any], flown: Sortie) -> list[dict[str, Any]
 
 def _energy(predicted: Mapping[str, Any], flown: Sortie, vehicle: Vehicle) -> dict[str, Any]:
     """Energy used beside what was predicted [Wh], and what it is known by."""
-    if flown.power is not None:
+    if flown.power is not None and vehicle.power_sources:  # else what is predicted has no loads beside the thrusters
         used, by = float(np.trapezoid(flown.power, flown.t)), "the battery's own power"
     else:
         supply, force = Supply.of(vehicle), _forces(flown, vehicle.model())

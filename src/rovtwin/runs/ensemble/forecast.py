@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.runs.compose.world import relief_of
-from rovtwin.runs.ensemble.bands import Band, band_between, level_of, shares_inside
+from rovtwin.runs.ensemble.bands import Band, band_between, inside_others, level_of
 from rovtwin.runs.ensemble.course import AXES, BEGINS, GOES, REACHED, headings_near
 from rovtwin.runs.ensemble.efforts import foreseen
 from rovtwin.runs.ensemble.rehearsal import RANK, Figures, Rehearsal
@@ -21,7 +21,7 @@ from rovtwin.scenario.schema import Scenario
 
 FEWEST = 9  # drawn flights that a band is made of: 80 %
 WATT_HOUR = 3600.0  # [J]
-PRIVATE = ("shares", "bands")  # what only the comparison needs
+PRIVATE = ("inside", "bands")  # what only the comparison needs
 
 
 def forecast(rehearsal: Rehearsal, nominal: Figures, drawn: Sequence[Figures] = ()) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def forecast(rehearsal: Rehearsal, nominal: Figures, drawn: Sequence[Figures] = 
         "remarks": [asdict(one) for one in remarks(nominal, drawn)],
         "effort": [vars(one) for one in foreseen([one.effort for one in alike])] if band is not None else [],
         "bands": None if band is None else {"low": _thin(band.low), "high": _thin(band.high)},
-        "shares": _shares(band),
+        "inside": _inside(band, rehearsal.course.each),
     }
 
 
@@ -70,12 +70,15 @@ def _band(nominal: Figures, alike: Sequence[Figures], n: int) -> Band | None:
     return band_between(headings_near(curves, nominal.curves[:n]), RANK)
 
 
-def _shares(band: Band | None) -> dict[str, list[float]]:
-    """Of each axis: how much of the way each drawn flight is inside the band of the others, the least first."""
+def _inside(band: Band | None, each: int) -> dict[str, list[list[int]]]:
+    """Of each axis: how many of the `each` samples of each way-point a drawn flight is inside the band of the others.
+
+    One list a flight. Counts, so that a flight of only a part of the way is compared with the same part of theirs.
+    """
     if band is None:
         return {}
-    each = {axis.name: shares_inside(band.drawn[:, :, i], RANK) for i, axis in enumerate(AXES)}
-    return {name: np.sort(shares).round(4).tolist() for name, shares in each.items()}
+    rows = {axis.name: inside_others(band.drawn[:, :, i], RANK) for i, axis in enumerate(AXES)}
+    return {name: inside.reshape(len(inside), -1, each).sum(axis=2).tolist() for name, inside in rows.items()}
 
 
 def _track(rehearsal: Rehearsal, nominal: Figures, band: Band | None, n: int) -> dict[str, Any]:

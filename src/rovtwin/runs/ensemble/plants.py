@@ -10,6 +10,7 @@ from jaxtyping import Float
 from rovtwin.core.numerics import jax
 from rovtwin.core.types import PRNGKey
 from rovtwin.identification.diagnostics.stated import Stated, stated
+from rovtwin.identification.joint.model.gaussian import root_of
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.runs.compose.world import in_water
 from rovtwin.scenario.schema import Scenario
@@ -45,7 +46,7 @@ def plants_of(scenario: Scenario) -> Plants:
     if found.covariance is not None:
         text = f"the covariance of the {len(found.parameters)} parameters that {vehicle.name} was identified by"
         lift = float(watery.buoyancy - model.buoyancy)
-        return Plants(text, partial(_of_posterior, found, _root(found.covariance), lift))
+        return Plants(text, partial(_of_posterior, found, root_of(found.covariance), lift))
     mismatch = scenario.world.mismatch
     if mismatch:
         text = (
@@ -80,9 +81,3 @@ def _key(rng: np.random.Generator) -> PRNGKey:
 def _of_posterior(found: Stated, root: Float[np.ndarray, "n n"], lift: float, rng: np.random.Generator) -> Model:
     drawn = found.model_at(root @ rng.standard_normal(root.shape[1]))
     return lifted(drawn, lift) if lift else drawn
-
-
-def _root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """A with A A' = covariance; what rounding in the file made negative counts as zero."""
-    spread, axes = np.linalg.eigh(covariance)
-    return axes * np.sqrt(np.maximum(spread, 0.0))

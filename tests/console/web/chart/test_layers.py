@@ -87,7 +87,10 @@ def test_a_file_that_is_gone_is_an_event_and_not_asked_for_again(page):
     assert page.hub.events == [("warning", "harbour.tif: cannot be read any more")]
 
 
-@pytest.mark.parametrize("path", ["/map/1/0/0/0.png", "/map/-1/0/0/0.png", "/map/0/13/0/0.png", "/map/0/-8/0/0.png"])
+@pytest.mark.parametrize(
+    "path",
+    ["/map/1/0/0/0.png", "/map/-1/0/0/0.png", "/map/0/13/0/0.png", "/map/0/-8/0/0.png", f"/map/0/0/{10**400}/0.png"],
+)
 def test_what_is_no_tile_is_never_asked_for(page, path):
     assert page.get(path).status_code == 404 and not FakeWorker.asked
 

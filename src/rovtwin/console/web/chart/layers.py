@@ -20,6 +20,7 @@ from rovtwin.scenario.schema import Scenario
 READING = 60.0  # longest wait for a log, or a tile [s]
 MOST_BYTES = 32_000_000  # of tiles that are kept
 MOST_TILES = 10_000
+FARTHEST_TILE = 10**9  # row and column: beyond any map
 BUSY, NOTHING = 202, 204  # not among the errors that a browser lists
 
 
@@ -53,7 +54,8 @@ def add_layers(hub: Hub, scenario: Scenario, shelf: Shelf, maps: Sequence[MapFil
 
     @app.get("/map/{number}/{level}/{row}/{column}.png")
     async def picture(number: int, level: int, row: int, column: int) -> Response:
-        if not (0 <= number < len(maps) and LEVELS[0] <= level <= LEVELS[1]):
+        far = max(abs(row), abs(column)) > FARTHEST_TILE
+        if far or not (0 <= number < len(maps) and LEVELS[0] <= level <= LEVELS[1]):
             return Response("there is no such map", 404)
         key = number, level, row, column
         if (kept := tiles.get(key)) is None:

@@ -107,6 +107,16 @@ class View {
 
 mount('rehearsal', element => {
   const view = new View(element);
-  const release = [live.on('rehearsal', () => view.show()), live.on('rehearsing', () => view.go()), live.on('rights', () => view.go())];
+  let replay = Boolean(live.last.state?.replay);
+  const release = [
+    live.on('rehearsal', () => { view.show(); view.go(); }),
+    live.on('rehearsing', () => view.go()),
+    live.on('rights', () => view.go()),
+    live.on('state', state => { // the first one says whether this is a replay
+      if (Boolean(state.replay) === replay) return;
+      replay = Boolean(state.replay);
+      view.go();
+    }),
+  ];
   return () => { view.surface.release(); release.forEach(one => one()); };
 });

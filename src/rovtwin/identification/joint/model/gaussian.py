@@ -6,6 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 
+def root_of(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """A with A A' = covariance; what rounding in a file made negative counts as zero."""
+    spread, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(spread, 0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Gaussian:
     """What is known of theta."""
