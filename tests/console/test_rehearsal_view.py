@@ -150,6 +150,15 @@ def test_a_current_is_sent_once_both_of_its_numbers_are_there(views):
     ]
 
 
+def test_the_water_that_holds_stands_in_its_fields_and_what_is_half_typed_stays(views):
+    page = views("rehearsal")
+    emit(page, rehearsing(current=[0.0, 0.3], waves=0.5, has_waves=True))
+    assert [page.input_value(f"[name={name}]") for name in ("speed", "toward", "waves")] == ["0.3", "90", "0.5"]
+    page.fill("[name=speed]", "0.4")
+    emit(page, rehearsing(current=[0.0, 0.3], waves=0.5, has_waves=True, busy=True, doing="flying"))
+    assert page.input_value("[name=speed]") == "0.4"
+
+
 def test_a_flight_that_was_not_predicted_is_named_so(views):
     page = views("rehearsal")
     emit(page, rehearsing(), rehearsal(flown=flown()))

@@ -19,6 +19,7 @@ class WaterForm {
     this.speed = field('speed', 'Current [m/s]', {min: 0, max: 5});
     this.toward = field('toward', 'towards [deg]', {min: 0, max: 360});
     this.waves = field('waves', 'Waves [m]', {min: 0.01, max: 20});
+    this.water = '[null,null]';
     const fields = [this.speed, this.toward, this.waves];
     fields.forEach(one => one.addEventListener('change', () => this.#send()));
     this.element = make('details', {class: 'rehearsal-water'}, make('summary', {}, 'Other water than the scenario\u2019s'),
@@ -29,6 +30,20 @@ class WaterForm {
   show(message, may) {
     this.waves.hidden = !message?.has_waves;
     [this.speed, this.toward, this.waves].forEach(one => { one.disabled = !may; });
+    this.#fill(message);
+  }
+
+  /** What holds, also for a page that was loaded anew or watches; what is half typed stays. */
+  #fill(message) {
+    const water = JSON.stringify([message?.current ?? null, message?.waves ?? null]);
+    if (water === this.water) return;
+    this.water = water;
+    const [north, east] = message?.current ?? [];
+    const degrees = (Math.atan2(east, north) * 180 / Math.PI + 360) % 360;
+    this.speed.value = north === undefined ? '' : String(Number(Math.hypot(north, east).toFixed(3)));
+    this.toward.value = north === undefined ? '' : String(Number(degrees.toFixed(1)));
+    this.waves.value = message?.waves ?? '';
+    if (message?.current || message?.waves) this.element.open = true;
   }
 
   #send() {
