@@ -348,6 +348,9 @@ def test_distances_bearings_and_areas_are_measured_by_who_only_watches(chart):
 def test_a_fence_is_drawn_and_taken_away(chart):
     page = chart()
     press(page, "Draw the fence in which the vehicle has to stay")
+    assert "Disarm first" in page.inner_text(".chart-notice") and sent(page) == []
+    emit(page, messages.state(armed=False))
+    press(page, "Draw the fence in which the vehicle has to stay")
     corners = [[1, 1], [8, 2], [4, 9]]
     for x, y in (*corners, corners[0]):
         page.mouse.click(*at(x, y))

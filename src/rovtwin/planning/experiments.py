@@ -233,8 +233,8 @@ def _strayed(strays: int) -> list[str]:
     if not strays:
         return []
     return [
-        f"{strays} of {DRAWS} vehicles drawn from what is known of it so far tip over or come too near to a wall in "
-        "this plan: it may end early. Less time, a larger tank, or a vehicle that is known better"
+        f"{strays} of {DRAWS} possible versions of it (drawn from what is known so far) tip over or come too near to a "
+        "wall in this plan, which may then end early. Plan fewer minutes at a time, or use a larger tank"
     ]
 
 

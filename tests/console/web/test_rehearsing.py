@@ -137,7 +137,9 @@ def test_a_change_of_plan_current_or_fence_makes_it_stale_and_due_again(desk, re
         clock[0] += 2.0
         ran(rehearsing.turn())
         assert len(process.asked) == many + 1
+        assert newest(desk, "rehearsing")["stale"], "until the new one is there, the page has the old one"
         answered(rehearsing, forecast=predicted())
+        assert not newest(desk, "rehearsing")["stale"]
     assert process.asked[-1].water.current == pytest.approx((0.2, 0.0)) and process.asked[-1].added == (0.1, 0.0)
     assert process.asked[-2].fence is None and process.asked[-1].fence == ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 

@@ -11,7 +11,10 @@ from typer.testing import CliRunner
 from rovtwin.cli import app
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.user_files.yamlfile import dump_yaml
 from rovtwin.planning.exchange.files import convert
+from rovtwin.runs.compose.fitting import fitted
+from rovtwin.runs.vehicle_defaults import vehicle_of
 from rovtwin.scenario.files import load_mission, load_scenario
 
 DATUM = Datum(63.45, 10.36)
@@ -48,6 +51,21 @@ def test_a_scenario_s_mission_goes_where_its_datum_says(tmp_path):
         "square", ["datum={latitude: 59.9, longitude: 10.7}", f"autopilot.supervisor.geofence.polygon={fence}"]
     )
     assert len(json.loads(convert("square", tmp_path / "x.plan", scenario=fenced).text)["geoFence"]["polygons"]) == 1
+
+
+def test_a_mission_that_gives_no_speed_gets_that_of_the_scenario_s_vehicle_and_none_without(tmp_path, gpx):
+    """Every speed was 0.2 m/s in a plan, whatever the vehicle."""
+    changes = ["vehicle=bluerov2_heavy", "mission.waypoints=[{position: [0, 0, 2]}, {position: [5, 0, 2]}]"]
+    scenario = load_scenario("square", ["datum={latitude: 59.9, longitude: 10.7}", *changes])
+    own = fitted(scenario, vehicle_of(scenario).model()).mission.waypoints[0].speed
+    (tmp_path / "own.yaml").write_text(dump_yaml(scenario.mission.model_dump(mode="json", exclude_unset=True)))
+
+    def speeds(**more):
+        plan = json.loads(convert(str(tmp_path / "own.yaml"), tmp_path / "x.plan", **more).text)
+        return [item["params"][1] for item in plan["mission"]["items"] if item.get("command") == 178]
+
+    assert speeds(scenario=scenario) == [pytest.approx(own)] and own != 0.2
+    assert speeds(datum=DATUM) == []
 
 
 def test_a_plan_keeps_its_fence_into_another_plan(tmp_path):

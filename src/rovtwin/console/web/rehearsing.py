@@ -45,6 +45,7 @@ class Rehearsing:
         self._why, self._sent_at, self._sent = "", -1e9, {}
         self._forecasts: dict[int, dict[str, Any]] = {}  # the newest, and what flies
         self._basis_of: dict[int, Any] = {}
+        self._shown: Any = None  # what the forecast that pages have rests on
         self._flying: list[int] = []  # numbers of those that were started in this flight
         self._folder, self._reached, self._under_way = "", 0, False  # the flight, how far it was looked at
         self._over_at: float | None = None  # when its mission was seen to be at its end [s, monotonic]
@@ -210,6 +211,7 @@ class Rehearsing:
     # Pages
 
     def _show(self, number: int) -> None:
+        self._shown = self._basis_of.get(number)
         self._hub.keep({"kind": "rehearsal"} | for_page(self._forecasts[number]))
         self._hub.tell_plan()
 
@@ -227,7 +229,7 @@ class Rehearsing:
             "why": self._why,
             "again": self.repetition.again,
             "asked": self.repetition.basis is not None,
-            "stale": self._number in self._forecasts and self._is_stale(),
+            "stale": self._shown is not None and self._basis() != self._shown,
             "current": self._water.current,
             "waves": self._water.waves,
             "has_waves": self._scenario.world.waves is not None,

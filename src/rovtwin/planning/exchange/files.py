@@ -21,6 +21,8 @@ from rovtwin.planning.exchange.missions import (
     route_of,
 )
 from rovtwin.planning.exchange.route import Route
+from rovtwin.runs.compose.fitting import fitted
+from rovtwin.runs.vehicle_defaults import vehicle_of
 from rovtwin.scenario.files import load_mission, load_scenario
 from rovtwin.scenario.schema import MissionSection, Scenario
 
@@ -86,7 +88,7 @@ def convert(
         return Converted(dump_yaml(_in_yaml(mission, datum)), len(mission.waypoints), notes)
     if datum is None and any(waypoint.geodetic is None for waypoint in mission.waypoints):
         raise ConfigError(f"{where}: {NO_DATUM}; or add --datum latitude,longitude")
-    on_map = route_of(mission, datum, scenario)
+    on_map = route_of(mission if scenario is None else _as_flown(mission, scenario), datum, scenario)
     if route is not None and not on_map.fence:
         on_map = Route(on_map.name, on_map.points, route.fence, on_map.circle)
     kind = KINDS[ending]
@@ -122,6 +124,12 @@ def _mission_of(scenario: Scenario, source: str) -> MissionSection:
     if scenario.mission is None:
         raise ConfigError(f"{source}: is an identification test, expected a mission")
     return scenario.mission
+
+
+def _as_flown(mission: MissionSection, scenario: Scenario) -> MissionSection:
+    """With the speeds and acceptances of the scenario's vehicle where the mission gives none."""
+    made = fitted(scenario.model_copy(update={"mission": mission}), vehicle_of(scenario).model())
+    return mission if made.mission is None else made.mission
 
 
 def _in_yaml(mission: MissionSection, datum: Datum | None) -> dict[str, Any]:

@@ -151,6 +151,8 @@ def route_of(mission: MissionSection, datum: Datum | None, scenario: Scenario | 
         datum: Origin of positions in metres; None where nobody has given it.
         scenario: That it is flown in, if that is known.
 
+    What a way-point does not say, as its speed, is the vehicle's own, and left out.
+
     Raises:
         ConfigError: Without a datum it has positions in metres.
     """
@@ -162,7 +164,7 @@ def route_of(mission: MissionSection, datum: Datum | None, scenario: Scenario | 
             raise ConfigError(NO_DATUM)
         else:
             (latitude, longitude), depth = _on_map(datum, waypoint.placed(datum)), waypoint.depth
-        values = {key: getattr(waypoint, key) for key in LEFT_OUT}
+        values = {key: getattr(waypoint, key) if key in waypoint.model_fields_set else None for key in LEFT_OUT}
         points.append(RoutePoint(latitude, longitude, depth, **values | {"hold_time": waypoint.hold_time or None}))
     fence = None if scenario is None or datum is None else scenario.autopilot.supervisor.geofence
     corners = [_on_map(datum, [*corner, 0.0]) for corner in (fence and fence.polygon) or [] if datum is not None]

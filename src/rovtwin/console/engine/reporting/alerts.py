@@ -1,7 +1,10 @@
 """What an operator should know at once: each alert with its cause and its remedy."""
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
+
+import numpy as np
 
 from rovtwin.console.clock import lasting
 from rovtwin.core.flow import OPERATOR, PHASES, REASONS
@@ -39,6 +42,8 @@ REMEDIES = {
     ),
 }
 SILENT = 3.0  # a position older than this is worth a word [s]
+CHI = 2.4477  # half-axes of the 95 % ellipse of a plane, in standard deviations
+UNSURE = 2.0  # a position that is known no better (95 %) is worth one, too [m]
 
 
 @dataclass(frozen=True)
@@ -91,12 +96,22 @@ def _of_sensors(state: dict[str, Any]) -> list[Alert]:
     ages = [one["age"] for one in _of_kind(state, "position") if one.get("age") is not None]
     if ages and min(ages) > SILENT:
         found.append(Alert("warning", f"no position for {lasting(min(ages))}", "the positioning is silent", "check it"))
+    if not state.get("experiment") and (radius := _radius(state.get("ellipse"))) > UNSURE:
+        text = f"position uncertain: known to no better than {math.floor(radius)} m (95 %)"
+        found.append(Alert("warning", text, "too few positions come, or are accepted", "check the positioning"))
     if state["link_age"] > 1.0:
         text = f"nothing from the vehicle for {lasting(state['link_age'])}"
         found.append(Alert("danger", text, "the link is broken or the vehicle is off", "check tether and network"))
     if any((leak.get("value") or [0.0])[0] > 0.5 for leak in _of_kind(state, "leak")):
         found.append(Alert("danger", "LEAK", "water comes in", "recover the vehicle now"))
     return found
+
+
+def _radius(ellipse: Any) -> float:
+    """Largest half-axis of the 95 % ellipse of a covariance [m]; 0 where there is none."""
+    if ellipse is None or not np.all(np.isfinite(ellipse)):
+        return 0.0
+    return CHI * math.sqrt(max(float(np.linalg.eigvalsh(np.asarray(ellipse))[-1]), 0.0))
 
 
 def _of_kind(state: dict[str, Any], kind: str) -> list[dict[str, Any]]:

@@ -167,6 +167,7 @@ class Chart {
   }
 
   setMode(mode) {
+    if (mode === 'fence' && model.state?.armed) return this.notice.complain('Disarm first: the log of a flight has one fence.');
     this.form.hide();
     // Whoever lays points by hand has chosen what to see of the water: from then on the view is theirs.
     this.ruler.clear();

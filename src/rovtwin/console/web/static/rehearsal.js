@@ -63,10 +63,10 @@ function table(points, remarks) {
   return make('table', {}, make('thead', {}, make('tr', {}, ...head)), make('tbody', {}, ...points.map(row)));
 }
 
-function comparison({flown}) {
+function comparison({flown, whole}) {
   if (!flown) return [];
   const rows = compared(flown).map(({level, name, what}) => make('tr', {class: level}, make('th', {scope: 'row'}, name), make('td', {}, what)));
-  return [make('h3', {}, 'Predicted against flown'), list([verdict(flown)]), make('table', {class: 'rehearsal-flown'}, make('tbody', {}, ...rows)),
+  return [make('h3', {}, 'Predicted against flown'), list([verdict(flown, whole)]), make('table', {class: 'rehearsal-flown'}, make('tbody', {}, ...rows)),
     ...flown.notes.map(text => make('p', {class: 'muted'}, text))];
 }
 

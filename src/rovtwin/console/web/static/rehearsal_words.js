@@ -45,10 +45,11 @@ const VERDICTS = {
   outside: 'The model does not predict this flight: look for what has changed of vehicle or water, then identify anew.',
   unknown: 'There is nothing to compare: no corridor, or no way-point was reached.',
 };
+const WAITING = 'The corridor is still being computed: the flight is held against it when the log closes (Disarm).';
 const LEVELS = {inside: 'ok', near: 'warning', outside: 'error', unknown: 'note'};
 
 /** {level, what} of the flight as a whole. */
-export const verdict = ({verdict: word}) => ({level: LEVELS[word], what: VERDICTS[word]});
+export const verdict = ({verdict: word}, whole = true) => ({level: LEVELS[word], what: word === 'unknown' && !whole ? WAITING : VERDICTS[word]});
 
 const AXES = {across: 'Across the leg', depth: 'Depth', heading: 'Heading'};
 
