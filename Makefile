@@ -10,8 +10,6 @@ STAMP  := $(VENV)/.installed
 # Figures are drawn without a display, whoever runs them.
 export MPLBACKEND := Agg
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
-# Some containers forbid Python to keep what it compiles: then each of hundreds of processes would compile all modules anew.
-unexport PYTHONDONTWRITEBYTECODE
 
 # Modules are compiled when they are first imported: most never are, and compiling them all takes half a minute.
 PIP     := $(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt
