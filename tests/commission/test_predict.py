@@ -109,6 +109,16 @@ def test_a_page_says_how_many_samples_there_are_and_how_many_count():
     assert bad.verdict == "stop" and "15.0 half-widths" in bad.text and bad.fix
 
 
+@pytest.mark.parametrize(
+    ("chance", "beyond", "verdict", "mark"),
+    [(0.3, 0.2, "inside", "ok"), (0.025, 0.03, "near", "warning"), (0.025, 0.2, "outside", "stop")],
+)
+def test_a_path_is_judged_as_a_whole_too(chance, beyond, verdict, mark):
+    row = Held("north", 0.32, 760, 2.5, (0.6, 1.0), 0.025, 12.9, beyond, 0.05, 0.0125)
+    assert row.agrees and predict._together([row], chance) == verdict
+    assert predict._all_axes(verdict, chance).verdict == mark
+
+
 def test_a_page_says_how_far_the_effort_is_off():
     one = Foreseen("heave", np.log(165.0), 0.027, 79)
     assert predict._effort(one, 168.0, 4).verdict == "ok"

@@ -1,13 +1,13 @@
 """Predict, then fly: four corners in the tank with bands, written down before the flight; the flight against them."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from rovtwin.commission.evidence.room import LASTING, PLACE, from_the_middle, outside
-from rovtwin.commission.proving.bands import DRAWS, Track, held, track_of
+from rovtwin.commission.proving.bands import DRAWS, TOGETHER, Track, held, together, track_of
 from rovtwin.commission.proving.missions import CLEAR, in_tank, open_water
 from rovtwin.commission.proving.prediction import BANDS, LABELS, Prediction, predicted
 from rovtwin.commission.proving.tuned import autopilot_of
@@ -197,14 +197,16 @@ def _judged(work: Work, made: Prediction, flight: Flight) -> tuple[list[Check], 
         checks.append(Check("stop", "flight", f"the mission was not completed: {reason}.", fix))
     if track is None:
         return checks, {"completed": completed}
-    rows = held(made.band, track)
+    rows, chance = held(made.band, track), together(made.band, track)
+    whole = _together(rows, chance)
     efforts = _efforts(made, flight.log, track)
-    checks += [*(_path(one) for one in rows), *(_effort(*one) for one in efforts)]
+    checks += [*(_path(one) for one in rows), _all_axes(whole, chance), *(_effort(*one) for one in efforts)]
     made.draw(work.folder, track, [f"{100.0 * one.inside:.1f} % inside" for one in rows])
-    verdicts = {one.verdict for one in rows} | {_verdict(*one) for one in efforts}
+    verdicts = {whole, *(one.verdict for one in rows), *(_verdict(*one) for one in efforts)}
     figures = {
         "completed": completed,
         "inside": {one.axis: one.inside for one in rows},
+        "together": chance,
         "inside_all": float(np.mean([one.inside for one in rows])),
         "verdict": next(word for word in ("outside", "near", "inside") if word in verdicts),
         "axes": [_row(one) for one in rows],
@@ -228,6 +230,22 @@ def _path(one: Held) -> Check:
     if one.verdict == "near":
         return Check("warning", one.axis, f"{text}; {away}: less than matters for such a flight.", UNSTATED)
     return Check("stop", one.axis, f"{text}; {away}.", UNTRUE)
+
+
+def _together(rows: Sequence[Held], chance: float) -> Verdict:
+    """Of the path as a whole: each axis alone may pass a flight that no true model flies."""
+    if chance > TOGETHER + 1e-9:
+        return "inside"
+    return "near" if all(one.beyond <= one.near for one in rows) else "outside"
+
+
+def _all_axes(verdict: Verdict, chance: float) -> Check:
+    text = f"of drawn flights {100.0 * chance:.1f} % are as far from their bands on all axes together, or farther"
+    if verdict == "inside":
+        return Check("ok", "path, all axes", text)
+    if verdict == "near":
+        return Check("warning", "path, all axes", f"{text}: by less than matters for such a flight.", UNSTATED)
+    return Check("stop", "path, all axes", f"{text}.", UNTRUE)
 
 
 def _efforts(made: Prediction, log: Log, track: Track) -> list[tuple[Foreseen, float, int]]:

@@ -7,9 +7,11 @@ from tests.runs.ensemble.walks import SAMPLES, walks
 from rovtwin.commission.proving.bands import (
     AXES,
     DRAWS,
+    TOGETHER,
     Track,
     band_of,
     held,
+    together,
     track_of,
 )
 
@@ -48,6 +50,28 @@ def test_another_flight_is_called_outside_on_the_axis_where_it_is():
     rows = held(band_of(drawn), Track(one_more.t, off, 0.0))
     assert [row.agrees for row in rows] == [True, False, True, True]
     assert rows[1].inside < 0.2 and rows[1].outside_by > 0.5
+
+
+def of_several(rng, count):
+    """Flights whose axes differ from each other."""
+    t = np.arange(SAMPLES) / 10.0
+    poses = np.stack([walks(rng, count) for _ in AXES], axis=2)
+    return [Track(t, pose, 0.0) for pose in poses]
+
+
+def test_a_flight_that_is_a_little_off_on_every_axis_is_unlikely_as_a_whole():
+    """A BlueROV2's four corners had 30 % inside on three axes, and each alone had one drawn flight as bad."""
+    rng = np.random.default_rng(11)
+    alone, whole, alike = [], [], []
+    for _ in range(60):
+        *drawn, one_more = of_several(rng, DRAWS + 1)
+        band = band_of(drawn)
+        alike.append(together(band, one_more) <= TOGETHER)
+        off = Track(one_more.t, one_more.pose + 2.0 * drawn[0].pose.std(), 0.0)
+        alone.append(all(row.agrees for row in held(band, off)))
+        whole.append(together(band, off) <= TOGETHER)
+    print(f"alike {np.mean(alike):.3f}, off: passed by each axis {np.mean(alone):.2f}, found {np.mean(whole):.2f}")
+    assert np.mean(alike) <= 0.1 and np.mean(whole) > 1.0 - np.mean(alone)
 
 
 def test_time_begins_when_the_first_corner_is_left_and_headings_are_unwrapped():

@@ -7,12 +7,13 @@ import numpy as np
 from jaxtyping import Float
 
 from rovtwin.commission.proving.missions import CLEAR, FIRST
-from rovtwin.runs.ensemble.bands import Axis, Band, Held, band_between, held_against, unwrapped_to
+from rovtwin.runs.ensemble.bands import Axis, Band, Held, band_between, chance_together, held_against, unwrapped_to
 from rovtwin.runs.scoring.scores import Flown
 
 DRAWS, RANK = 79, 2  # the band from the second least to the second largest of 79 holds an 80th with 95 %
 RATE = 10.0  # [1/s]
-ALARM = 0.05  # chance that a true model is called untrue, all axes together
+ALARM = 0.05  # chance that a true model is called untrue by one of the axes
+TOGETHER = 0.025  # and by all of them together: the two least likely of 80
 # Beyond a band by no more than that a flight is near it [m, deg]: half of the room that missions keep to walls. The
 # better a vehicle is known, the narrower its bands, down to millimetres; what no parameter stands for (a firmware's
 # dead zone, delays) then puts a good flight beside them.
@@ -78,7 +79,17 @@ def band_of(tracks: Sequence[Track], rank: int = RANK) -> Corridor:
 
 def held(band: Corridor, flight: Track) -> list[Held]:
     """Each axis of a flight against the band of the drawn ones, over the time that both have."""
+    return held_against(band, _alike(band, flight), TRACK, ALARM / len(TRACK))
+
+
+def together(band: Corridor, flight: Track) -> float:
+    """Chance of a flight as unlikely as this one on all axes together, see `chance_together`."""
+    return chance_together(band, _alike(band, flight))
+
+
+def _alike(band: Corridor, flight: Track) -> Float[np.ndarray, "n 4"]:
+    """The pose of a flight over the time that it has in common with the band, headings unwrapped alike."""
     n = min(len(band.t), len(flight.t))
     pose = flight.pose[:n].copy()
     pose[:, 3] = unwrapped_to(pose[:, 3], band.middle[:n, 3])
-    return held_against(band, pose, TRACK, ALARM / len(TRACK))
+    return pose

@@ -115,12 +115,13 @@ def _simple(items: list[Any], where: str, level: int = 0) -> Iterator[tuple[str,
 
 def _parts(item: dict[str, Any], where: str) -> tuple[int, int, list[Any], list[Any]]:
     """Command, frame, parameters and place of an item, of which older files have `coordinate`."""
-    command, frame, params = (item.get(key) for key in ("command", "frame", "params"))
-    whole = all(isinstance(value, int) and not isinstance(value, bool) for value in (command, frame))
-    if not whole or not isinstance(params, list):
+    command, frame, params = item.get("command"), item.get("frame"), item.get("params")
+    if isinstance(command, bool) or isinstance(frame, bool) or not isinstance(params, list):
+        command = None
+    if not (isinstance(command, int) and isinstance(frame, int) and isinstance(params, list)):
         raise ConfigError(f"{where}: expected command and frame as whole numbers, and a list of params")
     coordinate = item.get("coordinate", params[4:7])
-    return command, frame, params, coordinate if isinstance(coordinate, list) else []  # type: ignore[return-value]
+    return command, frame, params, coordinate if isinstance(coordinate, list) else []
 
 
 def _point(command: int, frame: int, params: list[Any], at: list[Any], speed: float | None, where: str) -> RoutePoint:

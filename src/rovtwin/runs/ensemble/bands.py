@@ -128,6 +128,20 @@ def held_against(band: Band, flight: Float[np.ndarray, "n k"], axes: Sequence[Ax
     return rows
 
 
+def chance_together(band: Band, flight: Float[np.ndarray, "n k"]) -> float:
+    """Chance of a flight as unlikely as this one on all axes together, if the model is true.
+
+    The logarithms of its chances on each axis are added (Fisher 1932), and the sum is ranked among those of the drawn
+    flights: axes are correlated, so that no chi-square is taken.
+    """
+    n = len(flight)
+    every = np.concatenate([band.drawn[:, :n], flight[None]])
+    shares = np.stack([shares_inside(every[:, :, i], band.rank) for i in range(every.shape[2])])
+    chances = np.mean(shares[:, None, :] <= shares[:, :, None] + 1e-12, axis=2)
+    total = np.sum(np.log(chances), axis=0)
+    return float(np.mean(total <= total[-1] + 1e-9))
+
+
 def shares_inside(curves: Float[np.ndarray, "N n"], rank: int) -> Float[np.ndarray, " N"]:
     """Share of time that each curve is inside the band of all others."""
     return np.mean(inside_others(curves, rank), axis=1)
