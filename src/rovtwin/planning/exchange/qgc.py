@@ -116,9 +116,8 @@ def _simple(items: list[Any], where: str, level: int = 0) -> Iterator[tuple[str,
 def _parts(item: dict[str, Any], where: str) -> tuple[int, int, list[Any], list[Any]]:
     """Command, frame, parameters and place of an item, of which older files have `coordinate`."""
     command, frame, params = item.get("command"), item.get("frame"), item.get("params")
-    if isinstance(command, bool) or isinstance(frame, bool) or not isinstance(params, list):
-        command = None
-    if not (isinstance(command, int) and isinstance(frame, int) and isinstance(params, list)):
+    is_flag = isinstance(command, bool) or isinstance(frame, bool)
+    if is_flag or not isinstance(command, int) or not isinstance(frame, int) or not isinstance(params, list):
         raise ConfigError(f"{where}: expected command and frame as whole numbers, and a list of params")
     coordinate = item.get("coordinate", params[4:7])
     return command, frame, params, coordinate if isinstance(coordinate, list) else []
